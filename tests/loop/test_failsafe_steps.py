@@ -1,17 +1,14 @@
 """The fail-safe step by step, on scripted buses: what it judges, when it tries again, and how it ends."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.procedure_rig import BROKEN, NAMES, PERIOD, REST, SILENT, ProcedureRig
-from twind.loop.bus.bus_port import PortState
-from twind.loop.procedures import failsafe
-from twind.loop.procedures.failsafe import LONGEST, TRIES, FailsafeRun
+from tests.support.failsafe_steps_rig import FailsafeRig
+from tests.support.procedure_rig import BROKEN, PERIOD, REST, SILENT
+from twind.loop.procedures.failsafe import LONGEST, TRIES
 from twind.loop.procedures.procedure_runner import Priority, Procedure
 from twind.loop.procedures.torque_switching import INSIST
 from twind.robot.finding import Finding, ReasonCode
@@ -19,64 +16,6 @@ from twind.robot.modes import Mode
 
 OFF = ["hold False", "cut 0", "cut 1", "torque False"]
 TAKEN = ["prepare", "hold True", "read goals"]
-ALL = (1, 1, 1)
-
-
-class FailsafeRig(ProcedureRig):
-    """A robot with torque found on: two legs and a hand, on two buses. Devices obey torque off."""
-
-    def __init__(self, support: str = "gantry", torque: Sequence[int] = ALL) -> None:
-        super().__init__(support=support)
-        self.found(torque)
-        self.refusals: list[Finding] = []
-        self.judged: list[Any] = []
-        legs: Any = SimpleNamespace(leg=np.array([True, True, False]))
-        self.robot.description = replace(self.robot.description, ratings=legs)
-        bound: Any = self.robot.bound
-        bound.judge = self._judge
-        for port, ids in zip(self.hardware.ports, ((1, 2), (7,)), strict=True):
-            port.link = PortState.CONNECTED
-            port.devices = [SimpleNamespace(id=id) for id in ids]
-        self.verified.mismatches = ()
-        self.verified.found = []
-        self.verified.doubts = lambda: self.verified.found
-        self.identity: Any = SimpleNamespace(verified=self.verified, missing={})
-        self.obeys = np.ones(3, np.bool_)
-        notifier: Any = SimpleNamespace(extend=self.extended.append)
-        self.safe = FailsafeRun(self, self.identity, self.release, notifier)
-
-    def _judge(self, devices: Any) -> Any:
-        self.judged.append(devices)
-        return SimpleNamespace(refusals=tuple(self.refusals))
-
-    def tick(self) -> None:
-        before = len(self.hardware.log)
-        super().tick()
-        if "torque False" in self.hardware.log[before:]:
-            self.hardware.slow.torque[self.obeys & self.hardware.open] = 0
-
-    def age(self, *ages: float) -> None:
-        """The last replies of the joints were so long ago, s."""
-        self.read(age=np.array(ages))
-
-    def finish(self, most: float = 2 * LONGEST) -> float:
-        """Run the fail-safe to its end; s that took."""
-        begun = self.clock.now()
-        self.safe.begin()
-        while not self.condition.finished:
-            assert self.clock.now() - begun < most, self.hardware.log
-            self.tick()
-        return self.clock.now() - begun
-
-    def unplug(self, bus: int = 1) -> None:
-        """A bus is closed: nothing is known of its devices."""
-        port = self.hardware.ports[bus]
-        port.link = PortState.CLOSED
-        port.reader = None
-        port.devices = []
-        self.hardware.connected = False
-        self.hardware.away = np.array([bus == 0, bus == 0, bus == 1])
-        self.hardware.slow.torque[self.hardware.away] = -1
 
 
 def untouched(rig: FailsafeRig) -> bool:
@@ -401,162 +340,3 @@ def test_a_defect_at_the_take_over_ends_the_fail_safe_and_leaves_torque_on() -> 
     assert rig.condition.finished
     assert rig.safe.left == "it was ended before it had found out"
     assert rig.hardware.slow.torque.all()
-
-
-# ------------------------------------------------------------------------------- what is left alone
-
-
-def why(rig: FailsafeRig) -> str:
-    return failsafe.why_left(rig, rig.identity)
-
-
-def test_nothing_speaks_against_a_robot_that_is_whole_or_has_no_torque() -> None:
-    rig = FailsafeRig()
-    assert why(rig) == ""
-    [devices] = rig.judged
-    assert {key: device.id for key, device in devices.items()} == {
-        ("lower", 1): 1,
-        ("lower", 2): 2,
-        ("upper", 7): 7,
-    }
-    rig.condition.mode = Mode.MIRROR
-    rig.found((0, 0, 0))
-    assert why(rig) == ""
-
-
-@pytest.mark.parametrize("torque", [(-1, -1, -1), (0, 0, -1), (-1, 0, -1)])
-def test_torque_that_is_not_known_of_any_joint_is_left_alone(torque: tuple[int, ...]) -> None:
-    rig = FailsafeRig(torque=torque)
-    names = ", ".join(name for name, known in zip(NAMES, torque, strict=True) if known < 0)
-    begins = f"whether torque is on is not known of {names}: "
-    assert why(rig) == begins + "no answer: power?"
-    rig.hardware.ports[1].reader = None
-    assert why(rig) == begins + "upper is not open"
-    rig.hardware.ports[1].trouble = "no such port"
-    assert why(rig) == begins + "no such port"
-    rig.hardware.ports[0].reader = None
-    assert why(rig) == begins + "lower is not open"
-
-
-def test_torque_of_a_joint_that_is_silent_for_half_a_second_is_not_known() -> None:
-    rig = FailsafeRig()
-    rig.age(0.51, 0.51, 0.51)
-    assert why(rig) == "whether torque is on is not known of hip, knee, toe: no answer: power?"
-    rig.age(0.51, 0.51, 0.0)
-    assert why(rig) == ""
-
-
-def test_a_mode_that_writes_nothing_is_named() -> None:
-    rig = FailsafeRig(torque=(0, 1, -1))
-    rig.condition.mode = Mode.MIRROR
-    assert why(rig) == "torque is on, and mode mirror of the settings writes nothing"
-
-
-WRONG = Finding(ReasonCode.CALIB_MISMATCH, 1, message="another zero")
-OTHER = Finding(ReasonCode.DEVICE_MISMATCH, 0, message="another model")
-GONE = Finding(ReasonCode.DEVICE_MISSING, 2, message="nothing answers as id 7")
-
-
-@pytest.mark.parametrize("place", ["refusals", "missing", "mismatches", "found"])
-def test_a_robot_with_a_device_that_is_not_as_described_is_left_alone(place: str) -> None:
-    rig = FailsafeRig()
-
-    def find(*found: Finding) -> None:
-        if place == "missing":
-            rig.identity.missing["lower"] = found
-        elif place == "refusals":
-            rig.refusals = list(found)
-        else:
-            setattr(rig.verified, place, found)
-
-    find(GONE)
-    assert why(rig) == ""
-    find(GONE, WRONG)
-    assert why(rig) == "torque is on, and the joint positions are unknown: CALIB_MISMATCH: another zero"
-    find(OTHER)
-    assert why(rig) == "torque is on, and the joint positions are unknown: DEVICE_MISMATCH: another model"
-
-
-def test_a_robot_whose_joints_are_not_judged_yet_is_left_alone() -> None:
-    """The take-over would leave them out, and their torque would go off where they stand."""
-    rig = FailsafeRig()
-    rig.verified.unjudged = np.array([False, True, True])
-    assert why(rig) == "torque is on, and of knee, toe the positions are not known yet"
-    rig.found((1, 0, -1))
-    assert why(rig) == "torque is on, and of toe the positions are not known yet"
-    rig.identity.missing["lower"] = (Finding(ReasonCode.DEVICE_MISSING, message="of no joint"),)
-    assert why(rig) == "torque is on, and of toe the positions are not known yet"
-    rig.identity.missing["upper"] = (GONE,)
-    assert why(rig) == ""
-
-
-def test_a_silent_device_whose_turn_is_doubted_does_not_keep_a_carried_robot_from_being_lowered() -> None:
-    """Its bus stays identified, and no identification tells more; one that runs may."""
-    rig = FailsafeRig()
-    rig.verified.unjudged = np.array([False, False, True])
-    rig.age(0.0, 0.0, 0.1)
-    assert why(rig) == "torque is on, and of toe the positions are not known yet"
-    rig.age(0.0, 0.0, 0.101)
-    assert why(rig) == ""
-    rig.hardware.ports[0].link = PortState.IDENTIFYING
-    assert why(rig) == ""
-    rig.hardware.ports[1].link = PortState.IDENTIFYING
-    assert why(rig) == "torque is on, and of toe the positions are not known yet"
-
-
-def test_joints_of_a_closed_bus_do_not_keep_a_carried_robot_from_being_lowered() -> None:
-    rig = FailsafeRig()
-    rig.unplug()
-    rig.verified.unjudged = np.array([False, False, True])
-    assert why(rig) == ""
-
-
-@pytest.mark.parametrize("support", ["gantry", "free"])
-def test_a_joint_with_torque_beyond_its_hard_limit_keeps_the_robot_where_it_is(support: str) -> None:
-    rig = FailsafeRig(support)
-    rig.read(position=np.array([0.0, 0.1, 2.5]))
-    assert why(rig) == "torque is on, and to hold toe inside the hard limits would be a step"
-    rig.found((1, 1, 0))  # a limp hand gets no goal
-    assert why(rig) == ""
-
-
-def test_a_leg_without_torque_beyond_its_hard_limit_is_no_limp_joint() -> None:
-    rig = FailsafeRig("free", torque=(1, 0, 1))
-    rig.read(position=np.array([0.0, 2.5, 0.0]))
-    assert why(rig) == "torque is on, and to hold knee inside the hard limits would be a step"
-    rig = FailsafeRig("gantry", torque=(1, 0, 1))
-    rig.read(position=np.array([0.0, 2.5, 0.0]))
-    assert why(rig) == ""
-
-
-STANDS = "torque is on, support is 'free', and "
-
-
-def test_a_robot_that_stands_freely_is_left_alone_without_a_device() -> None:
-    rig = FailsafeRig("free")
-    rig.hardware.connected = False
-    rig.age(0.0, 0.1, 0.0)
-    assert why(rig) == STANDS + "not every device is there:  without a fresh reading"
-    rig.hardware.ports[1].link = PortState.CLOSED
-    rig.hardware.ports[1].trouble = "no such port"
-    rig.hardware.ports[0].trouble = "of before"
-    assert why(rig) == STANDS + "not every device is there: no such port"
-    rig.identity.missing["upper"] = (GONE,)
-    assert why(rig) == STANDS + "not every device is there: nothing answers as id 7"
-
-
-def test_a_robot_that_stands_freely_is_left_alone_without_fresh_readings() -> None:
-    rig = FailsafeRig("free")
-    rig.age(0.0, 0.101, 0.1)
-    assert why(rig) == STANDS + "not every device is there: knee without a fresh reading"
-    rig.age(0.0, 0.1, 0.1)
-    assert why(rig) == ""
-
-
-def test_a_robot_that_stands_freely_is_left_alone_without_torque_in_a_leg() -> None:
-    rig = FailsafeRig("free", torque=(1, 0, 0))
-    assert why(rig) == STANDS + "it is not on in knee"
-    rig.found((1, 1, 0))
-    assert why(rig) == ""
-    rig.found((1, 1, -1))
-    assert why(rig) == STANDS + "it is not on in toe"

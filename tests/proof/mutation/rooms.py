@@ -352,7 +352,11 @@ ROOMS = (
     Room(
         "failsafe",
         ("twind/loop/procedures/failsafe.py",),
-        ("tests/loop/test_failsafe_steps.py", "tests/loop/test_headless_link.py"),
+        (
+            "tests/loop/test_failsafe_steps.py",
+            "tests/loop/test_failsafe_refusals.py",
+            "tests/loop/test_headless_link.py",
+        ),
     ),
     Room(
         "reactions",
