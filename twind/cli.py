@@ -210,8 +210,8 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     loop = _loop(described, one, buses, aloud, notifier, recorder)
     failsafe = FailsafeRun(loop, loop.identity, loop.commands.release, notifier)
 
-    def stop(number: int, frame: FrameType | None) -> None:  # on the way down nothing ends earlier by it
-        loop.condition.stop_wanted = True
+    def stop(number: int, frame: FrameType | None) -> None:  # not as a daemon ends, which lowers any robot
+        failsafe.stop()
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)

@@ -1,88 +1,25 @@
 """The fail-safe on real bytes under a fake clock: what it lowers, what it leaves alone, and what it says."""
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from socket import AF_UNIX, SOCK_DGRAM, socket
-from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.described_robot import redescribe
-from twind import link
-from twind.config.robot_file import load_robot
+from tests.support.failsafe_rig import RAISED, failsafe_of, given_up, off_rest, run, torque
 from twind.loop.procedures import failsafe
-from twind.loop.procedures.failsafe import FailsafeRun, HeadlessLink
+from twind.loop.procedures.failsafe import FailsafeRun
 from twind.loop.procedures.internal_faults import inhibit
 from twind.loop.process.service_notify import Notifier
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 
-RAISED = {"r_shoulder_pitch": -0.8, "head_yaw": 0.4}
 SLOW_FIXED = pytest.param("fixed", marks=pytest.mark.slow)
 SLOW_FREE = pytest.param("free", marks=pytest.mark.slow)
-MOST = failsafe.LONGEST
 SHARE = 0.0135  # of the speed that joints have: 29 s to the rest pose
-
-
-@contextmanager
-def given_up(
-    robot: str = "h24", *, support: str = "gantry", mode: Mode = Mode.LIVE, killed: bool = True, **more: Any
-) -> Iterator[Rig]:
-    """A robot with an arm raised and torque on, its daemon gone; a new loop before its first tick.
-
-    `killed`: it was armed, and its watchdogs have tripped since. Else torque is just found on.
-    """
-    start = {**load_robot(robot).poses["rest"], **RAISED, **more}
-    rig = Rig(robot, start=start, support=support, rate_hz=50.0)
-    if killed:
-        rig.arm()
-        assert rig.loop.torque.armed
-        # what the kernel does for a process that was killed
-        rig.loop.hardware.access(read=False, write=False)
-        rig.front.end(0.0)
-        rig.front = rig.new_front()
-    else:
-        for bus in rig.virtual.values():
-            for row in range(len(bus.servos["torque_enable"])):
-                bus.servos.torque(row, True)
-    rig.clock.sleep_until(rig.clock.now() + 0.5)
-    rig.advance_servos()
-    rig.loop = rig.born(mode)
-    rig.news.clear()
-    try:
-        yield rig
-    finally:
-        rig.close()
-
-
-def failsafe_of(rig: Rig) -> FailsafeRun:
-    """A run on this rig's robot."""
-    loop = rig.loop
-    return FailsafeRun(loop, loop.identity, loop.commands.release, loop.parts.notifier)
-
-
-def run(rig: Rig, seconds: float = MOST) -> FailsafeRun:
-    """Until it has ended."""
-    safe = failsafe_of(rig)
-    safe.begin()
-    for _ in range(round(seconds / rig.loop.robot.period)):
-        if rig.loop.condition.finished:
-            return safe
-        rig.ticks(1)
-    raise AssertionError(f"not ended: {[event.message for event in rig.events()]}")
-
-
-def torque(rig: Rig) -> np.ndarray:
-    return rig.register("torque_enable")
-
-
-def off_rest(rig: Rig) -> float:
-    return float(np.abs(rig.truth - rig.loop.robot.rest).max())
 
 
 @pytest.mark.parametrize("support", ["gantry", SLOW_FIXED, "free", "stilts"])
@@ -330,7 +267,7 @@ def test_a_stop_during_the_wait_ends_the_fail_safe_at_once_without_a_write() -> 
         safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(1.0)
-        rig.loop.condition.stop_wanted = True
+        safe.stop()
         rig.ticks(3)
         assert rig.loop.condition.finished
         assert "was ended" in safe.left
@@ -343,11 +280,85 @@ def test_a_stop_on_the_way_down_does_not_interrupt_the_fail_safe() -> None:
         safe.begin()
         rig.seconds(1.5)
         assert rig.loop.torque.armed
-        rig.loop.condition.stop_wanted = True
+        safe.stop()
         rig.seconds(6.0)
         assert rig.loop.condition.finished
         assert safe.left == ""
         assert off_rest(rig) < 0.05
+
+
+def test_a_stop_while_a_lost_bus_is_waited_for_ends_the_fail_safe_and_lowers_nothing() -> None:
+    """A daemon that ends lowers what comes back at half speed, also a standing robot without one leg."""
+    with given_up(support="free") as rig:
+        safe = failsafe_of(rig)
+        safe.begin()
+        rig.seconds(2.0)
+        assert rig.loop.torque.armed
+        rig.virtual["main"].faults.unplug()
+        rig.seconds(1.0)
+        safe.stop()
+        rig.ticks(2)
+        assert rig.loop.condition.finished
+        assert "PORT_LOST" in safe.left
+        rig.virtual["main"].faults.replug()
+        before = rig.counts
+        rig.seconds(3.0)
+        assert torque(rig).all()
+        assert np.abs(rig.counts - before).max() <= 2
+
+
+def test_a_leg_that_confirms_torque_off_late_does_not_keep_its_torque() -> None:
+    """The robot sits, and torque of one knee reads on: that is no robot to be left standing."""
+    with given_up(support="free") as rig:
+        safe = failsafe_of(rig)
+        safe.begin()
+        knee = rig.names.index("l_knee")
+        ordered = None
+        while not rig.loop.condition.finished:
+            rig.ticks(1)
+            if ordered is None and rig.loop.torque.unconfirmed:
+                ordered = rig.clock.now()
+            if ordered is not None and rig.clock.now() - ordered < 1.6:
+                rig.virtual["main"].servos.torque(knee, True)
+        assert safe.left == ""
+        assert not torque(rig).any()
+
+
+@pytest.mark.parametrize("before_the_end", [0.32, 0.42, 0.5])
+def test_the_fail_safe_drops_no_robot_whose_devices_are_still_being_identified_at_the_end_of_the_wait(
+    before_the_end: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A port comes back at the last moment, and a silent servo makes the identification take longer."""
+    with given_up() as rig:
+        rig.virtual["main"].faults.silence(20)
+        rig.virtual["main"].faults.unplug()
+        monkeypatch.setattr(failsafe, "WAIT", 1.2 + before_the_end)
+        safe = failsafe_of(rig)
+        safe.begin()
+        rig.seconds(1.0)
+        rig.virtual["main"].faults.replug()
+        before = rig.counts
+        while not rig.loop.condition.finished:
+            rig.ticks(1)
+        assert "not known" in safe.left
+        assert torque(rig).all()
+        assert np.array_equal(rig.counts, before)
+
+
+@pytest.mark.slow
+def test_a_bus_that_is_lost_at_the_take_over_does_not_keep_the_arms_from_being_lowered() -> None:
+    with given_up("h24-mixed") as rig:
+        safe = failsafe_of(rig)
+        safe.begin()
+        while rig.loop.procedures.rank is None:
+            rig.ticks(1)
+        rig.ticks(1)
+        assert not rig.loop.torque.armed
+        rig.virtual["r_leg"].faults.unplug()
+        while not rig.loop.condition.finished:
+            rig.ticks(1)
+        assert "not known of r_hip_yaw" in safe.left
+        assert off_rest(rig) < 0.1
 
 
 def test_a_servo_that_does_not_take_the_goal_leaves_a_robot_that_stands_freely_as_it_is() -> None:
@@ -386,50 +397,3 @@ def test_both_kinds_of_bus_are_lowered() -> None:
     with given_up("h24-mixed") as rig:
         assert run(rig).left == ""
         assert off_rest(rig) < 0.1
-
-
-# ------------------------------------------------------------------------------------- said aloud
-
-
-def test_an_event_is_one_line_and_other_messages_are_dropped(tmp_path: Path) -> None:
-    said = (tmp_path / "said").open("w+b", buffering=0)
-    with said:
-        aloud = HeadlessLink(said.fileno())
-        aloud.event(link.Event(time=0.0, sequence=1, level="error", code="CODE", message="über", findings=[]))
-        aloud.reply(link.Reply(ticket=1, parameters={}))
-        aloud.flush()
-        said.seek(0)
-        assert said.read().decode() == "error CODE: über\n"
-    assert aloud.commands(0.0) == []
-
-
-def test_an_event_is_printed_before_it_is_recorded_and_no_recorder_stops_the_fail_safe(
-    tmp_path: Path,
-) -> None:
-    """Words that have no encoding: a name of a port, say."""
-    told: list[tuple[str, Any]] = []
-    with (tmp_path / "said").open("w+b", buffering=0) as said:
-
-        def record(kind: Any, data: bytes) -> None:
-            told.append((os.pread(said.fileno(), 1000, 0).decode(), link.decode_news(data)))
-
-        aloud = HeadlessLink(said.fileno(), record)
-        odd = link.Event(time=0.0, sequence=1, level="error", code="CODE", message="tty\udc80", findings=[])
-        aloud.event(odd)
-        assert told == []
-        plain = link.Event(time=0.0, sequence=2, level="error", code="CODE", message="tty", findings=[])
-        aloud.event(plain)
-        said.seek(0)
-        assert said.read().decode() == "error CODE: tty\\udc80\nerror CODE: tty\n"
-        assert told == [("error CODE: tty\\udc80\nerror CODE: tty\n", plain)]  # told, then written down
-
-
-def test_without_a_recorder_no_event_is_encoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(_news: Any) -> bytes:
-        raise AssertionError("encoded for nobody")
-
-    monkeypatch.setattr(link, "encode", none)
-    with (tmp_path / "said").open("w+b", buffering=0) as said:
-        aloud = HeadlessLink(said.fileno())
-        aloud.event(link.Event(time=0.0, sequence=1, level="info", code="CODE", message="", findings=[]))
-        assert os.pread(said.fileno(), 100, 0) == b"info CODE: \n"

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -5,8 +7,10 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.gate_rig import ask, at_rest, codes, limits
+from twind.exceptions import InvalidInput
 from twind.motion.settle import settle
 from twind.motion.stop_profiles import stopping_point
+from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference
 
@@ -19,6 +23,8 @@ def test_a_large_move_takes_a_second_or_more_and_a_small_one_a_moment() -> None:
     assert settle(at_rest([0.0, 0.0]), np.array([0.2, 0.0]), limits()).time.tolist() == [1.0]
     assert settle(at_rest([0.0, 0.0]), np.array([0.05, 0.0]), limits()).time.tolist() == [0.25]
     assert settle(at_rest([0.5, 0.5]), np.array([0.5, 0.5]), limits()).time.tolist() == [0.25]
+    assert settle(at_rest([0.0, 0.0]), np.array([0.1, 0.0]), limits()).time.tolist() == [0.25]
+    assert settle(at_rest([0.0, 0.0]), np.array([0.101, 0.0]), limits()).time.tolist() == [1.0]
 
 
 def test_half_the_limits_are_used_when_there_is_time_for_it() -> None:
@@ -27,6 +33,11 @@ def test_half_the_limits_are_used_when_there_is_time_for_it() -> None:
     assert way.time[-1] == pytest.approx(1.875 / 0.5)
     assert settle(at_rest([-1.5]), np.array([1.5]), slow).time[-1] == pytest.approx(1.875 * 3.0 / 0.95)
     assert settle(at_rest([-0.8]), np.array([0.2]), slow, 2.5).time[-1] == pytest.approx(2.5)
+    assert settle(at_rest([-0.8]), np.array([0.7]), slow).time[-1] == 4.0
+    weak = limits(1, velocity=100.0, acceleration=1.0)
+    assert settle(at_rest([0.0]), np.array([1.0]), weak).time[-1] == pytest.approx(
+        (10 / 3**0.5 / 0.5) ** 0.5, 1e-4
+    )
 
 
 def test_settling_takes_longer_than_requested_where_the_limits_require_it() -> None:
@@ -39,6 +50,26 @@ def test_a_rest_pose_on_the_hard_limit_is_approached_slowly_enough_to_brake() ->
     way = settle(at_rest([0.0]), np.array([2.0]), edge, 1.0)
     assert way.time[-1] > 1.0
     assert codes(ask(way, edge, at_rest([0.0]))) == set()
+
+
+def braking_used(start: float, end: float, lasts: float, limit: JointLimits) -> float:
+    """The largest share of the speed that the brake rule allows on a quintic, towards the limit ahead."""
+    u = 1.0 - np.geomspace(1e-5, 0.999, 20001)
+    place = start + (end - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    speed = abs(end - start) * 30.0 * (u * (1.0 - u)) ** 2 / lasts
+    room = limit.hard_upper[0] - place if end > start else place - limit.hard_lower[0]
+    braking = np.sqrt(2.0 * limit.acceleration[0] * np.maximum(room, 0.0)) - 0.2
+    return float((speed / np.maximum(0.05, braking)).max())
+
+
+@pytest.mark.parametrize("acceleration", [2.0, 7.0, 20.0, 60.0, 1e4])
+@pytest.mark.parametrize("end", [0.3, -0.5, 0.8, -1.3, 2.0])
+def test_a_way_to_a_hard_limit_is_stretched_by_tenths_until_it_brakes_in_time(
+    end: float, acceleration: float
+) -> None:
+    edge = limits(1, velocity=500.0, acceleration=acceleration, hard_upper=abs(end), hard_lower=-abs(end))
+    lasts = float(settle(at_rest([0.0]), np.array([end]), edge, 0.001).time[-1])
+    assert 0.95 / 1.1 < braking_used(0.0, end, lasts, edge) < 0.972
 
 
 @examples(60)
@@ -95,6 +126,36 @@ def test_braking_joints_stop_close_to_where_the_limit_lets_them() -> None:
     assert (way.time[1:] - way.time[:-1]).min() >= 0.004
 
 
-def test_a_velocity_that_is_no_number_counts_as_standing() -> None:
-    unknown = Reference(np.zeros(2), np.array([np.nan, np.inf]), np.zeros(2))
+def test_each_joint_brakes_to_its_own_instant_and_twenty_points_lead_to_rest() -> None:
+    moving = Reference(np.zeros(4), np.array([2.0, 0.0, -1.0, 1.0]), np.zeros(4))
+    way = settle(moving, np.ones(4), limits(4))
+    assert way.time[:2].tolist() == pytest.approx([0.055, 0.105])
+    assert len(way.time) == 2 + 20
+    assert way.velocity is not None
+    assert way.velocity[1].tolist() == [0.0] * 4
+    assert way.position[1, 1] == 0.0
+
+
+def test_a_joint_that_cannot_brake_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="joint 1 cannot brake"):
+        settle(at_rest([0.0, 0.0]), np.zeros(2), replace(limits(), acceleration=np.array([20.0, 0.0])))
+
+
+@pytest.mark.parametrize("infinite", [np.inf, -np.inf])
+def test_a_velocity_that_is_no_number_counts_as_standing(infinite: float) -> None:
+    unknown = Reference(np.zeros(2), np.array([np.nan, infinite]), np.zeros(2))
     assert settle(unknown, np.array([0.2, 0.0]), limits()).time.tolist() == [1.0]
+
+
+def test_a_velocity_that_is_gone_within_rounding_counts_as_standing() -> None:
+    nearly = Reference(np.zeros(2), np.array([2e-9, 0.0]), np.zeros(2))
+    assert settle(nearly, np.array([0.2, 0.0]), limits(acceleration=1000.0)).time.tolist() == [1.0]
+
+
+def test_a_robot_that_brakes_onto_its_rest_pose_gets_points_apart_in_time() -> None:
+    """With no time left for a way that has no length."""
+    moving = Reference(np.zeros(1), np.array([1.0]), np.zeros(1))
+    braked = settle(moving, np.zeros(1), limits(1)).position[0]
+    way = settle(moving, braked, limits(1), 0.01)
+    assert (np.diff(way.time) > 0.0).all()
+    assert way.time[-1] == pytest.approx(way.time[0] + 0.005)

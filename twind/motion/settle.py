@@ -17,12 +17,13 @@ BRAKE = 0.98  # of the acceleration limit while a moving reference brakes: round
 LARGE = 0.1
 LEAST = 1.0
 SHORT = 0.25
-MOVING = 1e-9  # rad/s: slower counts as standing
 GRID = 0.005  # s: braking joints come to rest on this grid, so that no two points are closer
 # a way that brakes too late is stretched until it does not
 STRETCH = 1.1
 TRIES = 60
-SAMPLES = 400  # points of the way at which braking is checked
+# points of the way at which braking is checked, from its middle to CLOSE (share of its time) before the end
+SAMPLES = 400
+CLOSE = 1e-4
 POINTS = 20  # of the way after braking, where cubics stand for the quintic
 # rad/s, of the brake rule (BRAKE_DISTANCE): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
 EDGE = 0.05
@@ -45,11 +46,13 @@ def settle(
     """
     require_braking(limits.acceleration)
     velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)  # unknown: as if standing
-    if (np.abs(velocity) <= MOVING).all():
+    # s (n,) until each joint rests: whole steps of the grid, none where less is left than rounding
+    stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
+    if not stops.any():
         lasts = _lasts(reference.position, rest_position, limits, seconds, speed)
         zero = np.zeros((1, len(rest_position)))
         return Trajectory(np.array([lasts]), rest_position[None, :].copy(), zero[0] == 0.0, zero, zero)
-    return _braking_first(reference.position, velocity, rest_position, limits, seconds, speed)
+    return _braking_first(reference.position, velocity, stops, rest_position, limits, seconds, speed)
 
 
 def _lasts(start: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float) -> float:
@@ -62,7 +65,7 @@ def _lasts(start: Floats, end: Floats, limits: JointLimits, seconds: float, spee
         return max(by_speed, sqrt(by_force))
 
     shortest = (LEAST if float(distance.max(initial=0.0)) > LARGE else SHORT) * SPEED / speed
-    lasts = max(least(MOST), min(max(shortest, least(speed)), seconds))
+    lasts = max(least(MOST), min(max(shortest, least(speed)), seconds), GRID)
     for _ in range(TRIES):
         if _brakes_in_time(start, end, lasts, limits):
             break
@@ -78,8 +81,12 @@ def _way(start: Floats, end: Floats, u: Floats) -> tuple[Floats, Floats]:
 
 
 def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: JointLimits) -> bool:
-    """Check the brake rule on the way, sampled, towards the limit that each joint moves to."""
-    u = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, SAMPLES))  # dense at the ends, where the rule bites
+    """Check the brake rule on the way, sampled, towards the limit that each joint moves to.
+
+    The first half has the same speeds as the second one and more room. Samples are the denser the closer
+    they are to the end: between two of them the speed changes by less than the margin of `MOST`.
+    """
+    u = 1.0 - np.geomspace(CLOSE, 0.5, SAMPLES)
     position, speed = _way(start, end, u)
     room = np.where(end >= start, limits.hard_upper - position, position - limits.hard_lower)
     allowed = np.sqrt(2.0 * limits.acceleration * np.maximum(room, 0.0)) - MARGIN
@@ -87,13 +94,18 @@ def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: JointLimit
 
 
 def _braking_first(
-    place: Floats, velocity: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float
+    place: Floats,
+    velocity: Floats,
+    stops: Floats,
+    end: Floats,
+    limits: JointLimits,
+    seconds: float,
+    speed: float,
 ) -> Trajectory:
-    """Return the motion of moving joints: each brakes evenly until an instant of the grid, then the way.
+    """Return the motion of moving joints: each brakes evenly until its instant in `stops`, then the way.
 
     Braking is exact as cubics between those instants.
     """
-    stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
     instants = np.unique(stops[stops > 0.0])
     s = np.minimum(instants[:, None], stops)
     share = s / np.maximum(stops, GRID)

@@ -345,9 +345,19 @@ ROOMS = (
             "tests/loop/test_torque_release_steps.py",
             "tests/loop/test_daemon_shutdown_steps.py",
             "tests/loop/test_torque_takeover.py",
+            "tests/loop/test_takeover_errors.py",
             "tests/loop/test_lowering.py",
             "tests/loop/test_torque_switching.py",
             "tests/loop/test_fold_and_stop_requests.py",
+        ),
+    ),
+    Room(
+        "failsafe",
+        ("twind/loop/procedures/failsafe.py",),
+        (
+            "tests/loop/test_failsafe_steps.py",
+            "tests/loop/test_failsafe_refusals.py",
+            "tests/loop/test_headless_link.py",
         ),
     ),
     Room(
@@ -381,6 +391,11 @@ ROOMS = (
             "tests/motion/test_limp_joints.py",
             "tests/motion/test_setpoint_stream.py",
         ),
+    ),
+    Room(
+        "layers",
+        ("twind/motion/motion_layers.py", "twind/motion/settle.py"),
+        ("tests/motion/test_motion_layers.py", "tests/motion/test_settle.py"),
     ),
     Room(
         "writer",

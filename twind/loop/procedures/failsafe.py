@@ -4,7 +4,7 @@ It runs the daemon's context, gate and procedures without clients: no control so
 operator is present: where an operator's `disarm` might drop the robot, this leaves it alone.
 
 - It waits `WAIT` s for ports, devices and their torque, and no longer: a device that is connected an hour
- later must not move by itself.
+ later must not move by itself. `stop` ends the wait, and no way down.
 - Torque off everywhere: nothing is written. Modes mirror and sim write nothing either.
 - Devices that differ from the files are left as they are: the positions of their joints are unknown. Joints
  beyond their hard limits are left too: a goal inside them would be a step.
@@ -53,6 +53,7 @@ WITHIN = 30.0
 LONGEST = (
     AGAIN + WITHIN + LETTING_GO + WAIT
 )  # s: the last way that is begun, what is known of torque after it
+ENDED = "it was ended before it had found out"
 
 
 class FailsafeRun:
@@ -69,12 +70,12 @@ class FailsafeRun:
         release: TorqueRelease,
         notifier: Notifier,
     ) -> None:
-        self.left = "it was ended before it had found out"
+        self.left = ENDED
         self._context = context
         self._identity = identity
         self._release = release
         self._notifier = notifier
-        self._refused = ""
+        self._stopped = False
 
     def begin(self) -> None:
         """Begin with the next tick; the loop is finished at the end of the run, within `LONGEST` s.
@@ -84,18 +85,34 @@ class FailsafeRun:
         self._notifier.extend(LONGEST)  # what was needed to get here does not count
         self._context.procedures.beside(self._run())
 
+    def stop(self) -> None:
+        """End the run where it waits; a way down that has begun is completed."""
+        self._stopped = True
+
     def _run(self) -> Procedure:
+        try:
+            yield from self._lower_or_leave()
+        finally:  # also after an exception: without this procedure nothing would end the loop
+            self._context.condition.finished = True
+        return None
+
+    def _lower_or_leave(self) -> Steps:
         context = self._context
         again = context.clock.now() + AGAIN
+        why = ENDED
         for _ in range(TRIES):
             yield from self._wait_for_devices(context.clock.now() + WAIT)
-            why = why_left(context, self._identity)
-            if why or torque_off(context) or context.clock.now() > again:
+            yield from self._wait_for_owner()  # torque off that is sent again
+            if self._stopped:
+                break
+            # A robot that stands freely is not taken over again once its torque was ordered off.
+            over = context.torque.inhibited or (context.torque.unconfirmed and not context.robot.carried)
+            why = "" if over else why_left(context, self._identity)
+            if why or over or torque_off(context) or context.clock.now() > again:
                 break
             self._refused = ""
             context.procedures.own(Priority.SHUTDOWN, self._lower)
-            while context.procedures.rank is not None:
-                yield
+            yield from self._wait_for_owner()
             why = self._refused
             if context.torque.inhibited or not (torque_on(context) or some(~context.hardware.open)):
                 break  # nothing is left that could be lowered
@@ -104,18 +121,21 @@ class FailsafeRun:
             context.reports.event("error", EventCode.FAILSAFE, self.left)
         else:
             context.reports.event("info", EventCode.FAILSAFE, "torque was read back off everywhere")
-        context.condition.finished = True
-        return None
 
     def _wait_for_devices(self, until: float) -> Steps:
-        """Wait until every device and torque is known, or torque is off, or time is over."""
+        """Wait until every device and torque is known, or torque is off, or time is over, or `stop`."""
         context = self._context
         now = yield
-        while now < until and not torque_off(context):
+        while now < until and not torque_off(context) and not self._stopped:
             fresh = every(context.hardware.slow.torque >= 0) and every(context.robot.measured.age <= FRESH)
             if context.hardware.connected and fresh and not some(self._identity.verified.unjudged):
                 return
             now = yield
+
+    def _wait_for_owner(self) -> Steps:
+        """Wait until no procedure owns the torque."""
+        while self._context.procedures.rank is not None:
+            yield
 
     def _lower(self) -> Procedure:
         context = self._context
@@ -156,12 +176,16 @@ def why_left(context: ProcedureContext, identity: IdentificationState) -> str:
     devices = {(port.name, each.id): each for port in context.hardware.ports for each in port.devices}
     doubts = (
         *context.robot.bound.judge(devices).refusals,
+        *_not_identified(identity),
         *identity.verified.mismatches,
         *identity.verified.doubts(),
     )
     for doubt in doubts:
         if doubt.code is not ReasonCode.DEVICE_MISSING:
             return f"torque is on, and the joint positions are unknown: {doubt.code}: {doubt.message}"
+    unjudged = _unjudged(context, identity)
+    if some(unjudged):
+        return f"torque is on, and of {joint_names(context, unjudged)} the positions are not known yet"
     limp = found_limp(context)
     beyond = beyond_hard_limit(context) & ~limp
     if some(beyond):
@@ -169,6 +193,25 @@ def why_left(context: ProcedureContext, identity: IdentificationState) -> str:
             f"torque is on, and to hold {joint_names(context, beyond)} inside the hard limits would be a step"
         )
     return "" if context.robot.carried else _not_whole(context, identity, on | limp)
+
+
+def _unjudged(context: ProcedureContext, identity: IdentificationState) -> Bools:
+    """Return joints (n,) that may have torque, and whose positions are about to be known.
+
+    Their devices answer, or their bus is being identified. Not those of devices that it has missed.
+    """
+    soon: Bools = context.robot.measured.age <= FRESH
+    for port in context.hardware.ports:
+        if port.link is Stage.IDENTIFYING:
+            soon |= context.robot.joints.on_bus(port.name)
+    soon[[each.joint for each in _not_identified(identity) if each.joint is not None]] = False
+    soon &= identity.verified.unjudged & context.hardware.open & (torque_known(context) != 0)
+    return soon
+
+
+def _not_identified(identity: IdentificationState) -> list[Finding]:
+    """Return the findings of the last identification of each open bus."""
+    return [each for findings in identity.missing.values() for each in findings]
 
 
 def _not_whole(context: ProcedureContext, identity: IdentificationState, well: Bools) -> str:
@@ -179,7 +222,7 @@ def _not_whole(context: ProcedureContext, identity: IdentificationState, well: B
     state = context.robot.measured
     stands = f"torque is on, support is {context.robot.support!r}, and"
     if not context.hardware.connected or not every(state.age <= FRESH):
-        missing = [each.message for found in identity.missing.values() for each in found]
+        missing = [each.message for each in _not_identified(identity)]
         missing += [port.trouble for port in context.hardware.ports if port.link is Stage.CLOSED]
         cause = (
             missing[0]

@@ -6,19 +6,21 @@ be held without a step gets no goal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
 from math import isfinite
 
 import numpy as np
 
 from twind.loop.bus.bus_wait import all_of
+from twind.loop.bus.script_run import ScriptRun
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps
 from twind.loop.procedures.torque_readback import found_limp, torque_on
 from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
 from twind.robot.arrays import Bools, Floats, some
 from twind.robot.finding import Finding, ReasonCode
-from twind_drivers.bus import TRIPPED, BusError, NoReply
+from twind_drivers.bus import TRIPPED, BusError, DeviceRefused, NoReply, PortError
 
 # s to wait for the turn of a joint; s, the age of a reading that makes the wait worthwhile
 KNOWN = 0.5
@@ -75,15 +77,48 @@ def take_over(
 
 
 def _prepare(context: ProcedureContext, here: Floats, located: Bools, whole: bool) -> Steps:
-    """Clear watchdogs with goal := `here` (n,), rad. Raises BusError; NoReply only where all are needed."""
+    """Clear watchdogs with goal := `here` (n,), rad.
+
+    A write is not acknowledged, so a device that holds another value gets it once more; one that refuses it
+    again is left out. Raises BusError; of single devices and of a lost bus only where all are needed.
+    """
     context.executor.idle()
     context.hardware.clear()
-    try:
-        yield from all_of(context.hardware.prepare(here, located))
-    except NoReply as error:  # the other devices took it over
-        if whole:
-            raise
-        _say_silent(context, error)
+    refusing = np.zeros_like(located)
+    while (error := (yield from _gravest(context.hardware.prepare(here, located)))) is not None:
+        if whole or not isinstance(error, DeviceRefused | NoReply | PortError):
+            raise error
+        if not isinstance(error, DeviceRefused):  # the other devices took it over
+            _say_not_lowered(context, error)
+            return
+        device = _joints_of(context, error) & located
+        left = located & ~(device & refusing)
+        if not some(device) or not some(left):
+            raise error
+        if some(left != located):
+            _say_not_lowered(context, error)
+        located = left
+        refusing |= device
+
+
+def _gravest(tasks: Sequence[ScriptRun[None]]) -> Generator[None, float, Exception | None]:
+    """Wait for all tasks; return an error other than silence first, as a bus with such a one is not prepared.
+
+    None: there is no error.
+    """
+    with suppress(BusError, KeyError, ValueError):
+        yield from all_of(tasks)
+    errors = [task.error for task in tasks if task.error is not None]
+    return min(errors, key=lambda each: isinstance(each, NoReply | PortError), default=None)
+
+
+def _joints_of(context: ProcedureContext, error: DeviceRefused) -> Bools:
+    """Return the joints (n,) of the device that refused."""
+    found = np.zeros(len(context.robot.joints), np.bool_)
+    for bus in context.robot.joints.buses:
+        if bus.name == error.port:
+            found[bus.joints] = np.array(bus.ids) == error.id
+    return found
 
 
 def _leave_out(
@@ -103,10 +138,12 @@ def _step_text(context: ProcedureContext, stepped: Bools) -> str:
     return f"to hold {joint_names(context, stepped)} inside the hard limits would be a step"
 
 
-def _say_silent(context: ProcedureContext, error: NoReply) -> None:
-    """Report devices without a reply: to lower the others is better than to drop the robot."""
-    message = f"lowered although a device did not answer: {error_text(context, error)}"
-    context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
+def _say_not_lowered(context: ProcedureContext, error: BusError) -> None:
+    """Report devices that are not lowered: to lower the others is better than to drop the robot."""
+    refused = isinstance(error, DeviceRefused)
+    did = "refused" if refused else "did not answer"
+    message = f"lowered although a device {did}: {error_text(context, error)}"
+    context.reports.event("error", ReasonCode.BUS_ERRORS if refused else ReasonCode.DEVICE_MISSING, message)
 
 
 def _wait_for_turns(context: ProcedureContext, unjudged: Callable[[], Bools]) -> Steps:
@@ -138,7 +175,7 @@ def _rejoin(context: ProcedureContext) -> Steps:
     try:
         yield from all_of(back)
     except NoReply as error:
-        _say_silent(context, error)
+        _say_not_lowered(context, error)
     except BusError as error:  # never a reason to drop the joints that are held
         message = f"not taken over, torque goes off where it stands: {error_text(context, error)}"
         context.reports.event("error", ReasonCode.BUS_ERRORS, message)
