@@ -388,4 +388,6 @@ class CommandHandlers:
         if context.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
             self.submissions.stopped.stop(command.client, now)
             context.executor.stop()
+        elif context.procedures.rank is Priority.HOME:
+            self.homing.cancel()
         context.reports.reply(command, state=context.condition.state.value)
