@@ -1,169 +1,35 @@
 """Restoring of a servo after an end-stop search, attempt by attempt, on a scripted bus."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.procedure_rig import PERIOD, BusTask, ProcedureRig
-from twind import link
+from tests.support.procedure_rig import ProcedureRig
+from tests.support.restore_rig import KNEE, REST, TURN, WAS, OneServo, Restoring
 from twind.loop.procedures import homing_restore
-from twind.loop.procedures.homing_restore import EndstopSearchRecord, answer, find_end_cause, give_back
+from twind.loop.procedures.homing_restore import EndstopSearchRecord, answer, find_end_cause
 from twind.loop.procedures.procedure_runner import Priority, Procedure
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.multiturn import StatedPlace
-from twind.safety.state_machine import RobotEvent
-from twind_drivers.bus import BusError, DeviceRefused, IdentifiedDevice, NoReply, WireRangeError
+from twind_drivers.bus import BusError, DeviceRefused, NoReply, WireRangeError
 
-KNEE = 1
-TURN = 4096
-REST = 700  # count
-WAS = IdentifiedDevice(2, 1020, "XM430-W350", 45, {"drive_mode": 0, "homing_offset": 3}, "a")
 REFUSED = DeviceRefused("lower", 2, "Operating Mode (11)", "is locked")
 LOST = NoReply("lower", (2,), 0.1)
 FOUND = Finding(ReasonCode.LEASE_LOST, message="the lease is gone")
 
 
-class OneServo:
-    """Port, writer and single device of one servo; `errors`: of its attempts in turn, then none."""
-
-    def __init__(self, rig: ProcedureRig) -> None:
-        self.rig = rig
-        self.errors: list[Exception] = []
-        self.attempts: list[float] = []  # s
-        self.log: list[str] = []
-        self.devices: tuple[IdentifiedDevice, ...] = (WAS,)
-        self.identification: Any = None
-        self.full = False
-        self.writer: Any = self
-        self.reader: Any = object()
-        self.ticks = 2  # of an attempt
-
-    def begin_single_device(self, id: int, **how: int) -> Any:
-        self.log.append("alone")
-        if self.errors and type(self.errors[0]) is ValueError:
-            self.attempts.append(self.rig.clock.now())
-            raise self.errors.pop(0)
-        assert (id, how) == (2, {"cap": 20, "profile": 5})
-        return self
-
-    def end_single_device(self) -> None:
-        self.log.append("all")
-
-    def give_back(self, kept: Any) -> str:
-        assert kept == "kept"
-        return "give back"
-
-    def run(self, script: str) -> Any:
-        self.log.append(script)
-        self.attempts.append(self.rig.clock.now())
-        task: Any = Attempt(self.ticks)
-        task.error = self.errors.pop(0) if self.errors else None
-        return task
-
-    def identify(self) -> None:
-        self.log.append("identify")
-        self.rig.hardware.connected = False
-
-
-class Attempt(BusTask):
-    """A script that is done after some looks."""
-
-    def __init__(self, looks: int) -> None:
-        self._looks = looks
-        super().__init__()
-
-    @property
-    def done(self) -> bool:  # type: ignore[override]
-        self._looks -= 1
-        return self._looks < 0
-
-    @done.setter
-    def done(self, value: bool) -> None: ...
-
-
-class Turns:
-    """Turns of three joints: a place chooses one after `takes` looks."""
-
-    def __init__(self, takes: int = 3) -> None:
-        self.takes = takes
-        self.places: dict[int, StatedPlace] = {}
-        self.against: Finding | None = None
-        self.withdrawn: list[Sequence[int]] = []
-
-    def locate(self, joint: int, place: StatedPlace) -> Finding | None:
-        self.places[joint] = place
-        return self.against
-
-    @property
-    def turn_known(self) -> Any:
-        self.takes -= bool(self.places)
-        return np.array([False, self.takes < 0, False])
-
-    def withdraw(self, joints: Sequence[int]) -> list[int]:
-        self.withdrawn.append(joints)
-        return []
-
-
-class Scene:
-    """A search that is over, its servo not restored yet; torque is off."""
-
-    def __init__(self, **how: Any) -> None:
-        self.rig = ProcedureRig()
-        self.servo = OneServo(self.rig)
-        self.turns = Turns()
-        request: Any = SimpleNamespace(joint=KNEE, port=self.servo, id=2, cap=20, profile=5, turn=TURN)
-        command = link.FindStop(ticket=4, client=7, joint=KNEE, side="lower", more=True)
-        how = {"over": True, "captures": [10.4, 11.6]} | how
-        self.pending = EndstopSearchRecord(command, request, WAS, kept="kept", left="mode 5", **how)
-        self.restored = 0
-        self.count = REST
-        self.heard: Callable[[float], float] = lambda now: now
-        self.rig.hardware.readings.raw.heard_at = np.zeros(3)
-        self.rig.watched = self.read
-        self.rig.condition.change(RobotEvent.CALIBRATE)
-        self.rig.book.events.clear()
-        self.read()
-
-    def read(self) -> None:
-        raw = self.rig.hardware.readings.raw
-        raw.ticks[:] = self.count
-        raw.heard_at[:] = self.heard(self.rig.clock.now())
-
-    def begin(self) -> None:
-        def done() -> None:
-            self.restored += 1
-
-        steps = give_back(self.rig, self.pending, self.turns, done)  # type: ignore[arg-type]
-        self.rig.procedures.beside(steps)
-
-    def seconds(self, seconds: float) -> None:
-        self.rig.ticks(round(seconds / PERIOD))
-
-    @property
-    def replies(self) -> list[dict[str, Any]]:
-        return [reply.parameters for reply in self.rig.book.replies]
-
-    def codes(self) -> list[str]:
-        [reply] = self.replies
-        return [each.code for each in reply.get("findings") or ()]
-
-    def events(self) -> list[tuple[str, str]]:
-        return [(event.level, event.message) for event in self.rig.book.events]
-
-
 @pytest.fixture
-def scene() -> Scene:
-    return Scene()
+def scene() -> Restoring:
+    return Restoring()
 
 
 # ------------------------------------------------------------------------------- when it is tried
 
 
-def test_a_restored_servo_is_identified_before_the_caller_gets_the_captures(scene: Scene) -> None:
+def test_a_restored_servo_is_identified_before_the_caller_gets_the_captures(scene: Restoring) -> None:
     scene.begin()
     scene.seconds(0.1)
     assert scene.servo.log == ["alone", "all", "give back", "identify"]
@@ -175,14 +41,18 @@ def test_a_restored_servo_is_identified_before_the_caller_gets_the_captures(scen
     assert scene.turns.places == {}
 
 
-def test_nothing_is_written_before_the_search_is_over(scene: Scene) -> None:
-    scene.pending.over = False
+def test_nothing_is_written_before_the_search_is_over(scene: Restoring) -> None:
+    scene.pending = replace(scene.pending, over=EndstopSearchRecord.over)
     scene.begin()
     scene.seconds(5.0)
     assert scene.servo.log == [] and scene.replies == []
     scene.pending.over = True
     scene.seconds(0.1)
     assert scene.restored == 1
+
+
+def test_a_record_requires_no_reading_before_the_first_ones_agree(scene: Restoring) -> None:
+    assert not scene.pending.looked_after
 
 
 def waits(rank: Priority) -> Procedure:
@@ -212,7 +82,9 @@ def obstacle(rig: ProcedureRig, servo: OneServo, name: str) -> None:
         *("armed", "energising", "writer", "reader", "device", "identification", "full"),
     ],
 )
-def test_nothing_is_written_while_torque_a_procedure_or_the_bus_forbids_it(scene: Scene, name: str) -> None:
+def test_nothing_is_written_while_torque_a_procedure_or_the_bus_forbids_it(
+    scene: Restoring, name: str
+) -> None:
     obstacle(scene.rig, scene.servo, name)
     scene.begin()
     scene.seconds(2.9)
@@ -227,7 +99,7 @@ def test_nothing_is_written_while_torque_a_procedure_or_the_bus_forbids_it(scene
     assert scene.servo.attempts == [] and scene.restored == 0
 
 
-def test_an_ending_daemon_restores_it_and_replies_at_once(scene: Scene) -> None:
+def test_an_ending_daemon_restores_it_and_replies_at_once(scene: Restoring) -> None:
     obstacle(scene.rig, scene.servo, "SHUTDOWN")
     scene.rig.condition.stop_wanted = True
     scene.begin()
@@ -236,7 +108,9 @@ def test_an_ending_daemon_restores_it_and_replies_at_once(scene: Scene) -> None:
     assert not scene.rig.hardware.connected and len(scene.replies) == 1
 
 
-def test_a_bus_that_is_not_identified_in_time_delays_the_reply_by_three_seconds_at_most(scene: Scene) -> None:
+def test_a_bus_that_is_not_identified_in_time_delays_the_reply_by_three_seconds_at_most(
+    scene: Restoring,
+) -> None:
     scene.begin()
     scene.seconds(2.95)
     assert scene.replies == []
@@ -244,7 +118,7 @@ def test_a_bus_that_is_not_identified_in_time_delays_the_reply_by_three_seconds_
     assert scene.codes() == []
 
 
-def test_a_late_restoring_is_reported_to_a_caller_that_was_answered(scene: Scene) -> None:
+def test_a_late_restoring_is_reported_to_a_caller_that_was_answered(scene: Restoring) -> None:
     obstacle(scene.rig, scene.servo, "energising")
     scene.begin()
     scene.seconds(4.0)
@@ -259,7 +133,7 @@ def test_a_late_restoring_is_reported_to_a_caller_that_was_answered(scene: Scene
 
 
 @pytest.mark.parametrize("error", [REFUSED, ValueError("no mode 5"), KeyError("led")])
-def test_three_refusals_end_the_restoring(scene: Scene, error: Exception) -> None:
+def test_three_refusals_end_the_restoring(scene: Restoring, error: Exception) -> None:
     scene.servo.errors = [error] * 5
     scene.begin()
     scene.seconds(2.0)
@@ -275,7 +149,7 @@ def test_three_refusals_end_the_restoring(scene: Scene, error: Exception) -> Non
     assert last.startswith("knee: its stop was not found: ")
 
 
-def test_two_refusals_do_not_end_it(scene: Scene) -> None:
+def test_two_refusals_do_not_end_it(scene: Restoring) -> None:
     scene.servo.errors = [REFUSED] * 2
     scene.begin()
     scene.seconds(1.0)
@@ -286,7 +160,7 @@ def test_two_refusals_do_not_end_it(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("error", [LOST, BusError("dropped")])
-def test_attempts_that_were_cut_short_are_repeated_without_end(scene: Scene, error: BusError) -> None:
+def test_attempts_that_were_cut_short_are_repeated_without_end(scene: Restoring, error: BusError) -> None:
     scene.servo.errors = [error] * 30
     scene.begin()
     scene.seconds(8.0)
@@ -296,7 +170,7 @@ def test_attempts_that_were_cut_short_are_repeated_without_end(scene: Scene, err
     assert scene.restored == 1
 
 
-def test_bytes_that_may_not_leave_latch_and_end_it(scene: Scene) -> None:
+def test_bytes_that_may_not_leave_latch_and_end_it(scene: Restoring) -> None:
     scene.servo.errors = [WireRangeError("lower", 2, 9, 0, 4)]
     scene.begin()
     scene.seconds(0.1)
@@ -319,7 +193,7 @@ def test_bytes_that_may_not_leave_latch_and_end_it(scene: Scene) -> None:
         ({"settings": {"drive_mode": 0, "homing_offset": 4}}, "homing_offset was 3, reads 4"),
     ],
 )
-def test_another_device_with_its_id_gets_nothing(scene: Scene, other: Any, text: str) -> None:
+def test_another_device_with_its_id_gets_nothing(scene: Restoring, other: Any, text: str) -> None:
     scene.servo.devices = (replace(WAS, **other),)
     scene.begin()
     scene.seconds(0.1)
@@ -331,7 +205,7 @@ def test_another_device_with_its_id_gets_nothing(scene: Scene, other: Any, text:
 
 
 def test_findings_of_the_search_precede_those_of_the_restoring() -> None:
-    scene = Scene(findings=(FOUND,))
+    scene = Restoring(findings=(FOUND,))
     scene.servo.errors = [REFUSED] * 3
     scene.begin()
     scene.seconds(1.0)
@@ -339,14 +213,16 @@ def test_findings_of_the_search_precede_those_of_the_restoring() -> None:
     scene.seconds(0.1)
     assert scene.codes() == [ReasonCode.LEASE_LOST, ReasonCode.DEVICE_MISMATCH]
     assert scene.events()[-1] == ("warning", "knee: its stop was not found: the lease is gone")
+    assert scene.rig.book.events[-1].code == ReasonCode.LEASE_LOST
+    assert scene.replies[0]["progress"] == 1.0
 
 
 # ------------------------------------------------------------------------------- the turn of its rest
 
 
-def resting(**how: Any) -> Scene:
+def resting(**how: Any) -> Restoring:
     """A search that determined the turn; its bus is identified at once."""
-    scene = Scene(rest=REST, **how)
+    scene = Restoring(rest=REST, **how)
     scene.servo.identify = lambda: scene.servo.log.append("identify")  # type: ignore[method-assign]
     return scene
 
@@ -361,13 +237,13 @@ def test_a_joint_that_stays_at_its_rest_keeps_the_turn_that_was_found(turns: int
     assert scene.codes() == [] and scene.turns.withdrawn == [[KNEE]]
 
 
-def moved_a_turn(scene: Scene) -> None:
+def moved_a_turn(scene: Restoring) -> None:
     for step in range(1, 9):
         scene.count = REST + step * TURN // 8
         scene.rig.tick()
 
 
-def silent(scene: Scene) -> None:
+def silent(scene: Restoring) -> None:
     last = scene.rig.clock.now()
     scene.heard = lambda _: last
     scene.seconds(0.12)
@@ -376,7 +252,7 @@ def silent(scene: Scene) -> None:
 
 @pytest.mark.parametrize("leaves", [moved_a_turn, silent])
 def test_a_joint_that_left_its_rest_before_the_restoring_gets_no_turn_although_its_count_fits_again(
-    leaves: Callable[[Scene], None],
+    leaves: Callable[[Restoring], None],
 ) -> None:
     scene = resting()
     scene.servo.errors = [LOST] * 3
@@ -416,6 +292,14 @@ def test_readings_have_a_quarter_of_a_second_to_choose_the_turn(takes: int, code
     assert scene.codes() == codes and scene.turns.withdrawn == [[KNEE]]
 
 
+def test_an_answered_caller_hears_of_a_servo_that_is_not_restored_alone(scene: Restoring) -> None:
+    scene.pending.answered = True
+    scene.servo.errors = [REFUSED] * 3
+    scene.begin()
+    scene.seconds(1.0)
+    assert [level for level, _ in scene.events()] == ["error"]
+
+
 @pytest.mark.parametrize("why", ["refused", "answered"])
 def test_no_turn_is_chosen_for_a_servo_that_is_not_restored_or_a_caller_that_was_answered(why: str) -> None:
     scene = resting(answered=why == "answered")
@@ -423,18 +307,19 @@ def test_no_turn_is_chosen_for_a_servo_that_is_not_restored_or_a_caller_that_was
     scene.begin()
     scene.seconds(1.0)
     assert scene.restored == 1 and scene.turns.places == {}
+    assert any("are as they were" in text for _, text in scene.events()) is (why == "answered")
 
 
 # ------------------------------------------------------------------------------- what is reported
 
 
-def test_a_search_is_answered_once(scene: Scene) -> None:
+def test_a_search_is_answered_once(scene: Restoring) -> None:
     answer(scene.rig, scene.pending)
     answer(scene.rig, scene.pending, FOUND)
     assert scene.codes() == []
 
 
-def test_a_daemon_that_ends_reports_what_is_left(scene: Scene) -> None:
+def test_a_daemon_that_ends_reports_what_is_left(scene: Restoring) -> None:
     homing_restore.report_pending_restore(scene.rig, scene.pending)
     [finding] = scene.replies[0]["findings"]
     assert finding.code == ReasonCode.DEVICE_MISMATCH
@@ -444,9 +329,12 @@ def test_a_daemon_that_ends_reports_what_is_left(scene: Scene) -> None:
     assert scene.events()[0] == ("error", f"knee: {finding.message}")
 
 
-def test_the_cause_of_an_end_from_outside_is_a_latch_the_end_of_the_daemon_or_the_state(scene: Scene) -> None:
+def test_the_cause_of_an_end_from_outside_is_a_latch_the_end_of_the_daemon_or_the_state(
+    scene: Restoring,
+) -> None:
     condition = scene.rig.condition
-    assert find_end_cause(scene.rig).message == "the robot went to calibrating: disarmed, or a bus lost"
+    text = "the robot went to calibrating: disarmed, or a bus lost"
+    assert find_end_cause(scene.rig) == Finding(ReasonCode.NOT_ARMED, message=text)
     condition.stop_wanted = True
     assert find_end_cause(scene.rig) == Finding(ReasonCode.NOT_ARMED, message="the daemon ends")
     condition.latch(FOUND)

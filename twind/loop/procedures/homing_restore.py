@@ -148,7 +148,7 @@ def _returned(
             refusals += isinstance(error, DeviceRefused | KeyError | ValueError)  # it was not cut short
             if refusals >= REFUSALS:
                 return (unrestored(pending, str(error)),)
-        if context.clock.now() > until and not pending.answered:
+        if context.clock.now() > until:
             waits = "torque or bus do not allow it yet; it is tried again until they do"
             answer(context, pending, unrestored(pending, waits))
         yield from ticks(PAUSE)
