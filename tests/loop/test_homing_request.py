@@ -15,6 +15,7 @@ from tests.support.planar_arm import WAIST
 from twind import link
 from twind.config.homing_config import JointEndstops
 from twind.config.robot_file import load_robot
+from twind.loop.procedures import homing_request
 from twind.loop.procedures.homing_request import HomingRequest, place_on_bus, resolve_request, turns_between
 from twind.loop.procedures.procedure_runner import ProcedureFailed
 from twind.robot.finding import Finding, ReasonCode
@@ -142,6 +143,14 @@ def test_a_very_slow_search_has_a_profile_all_the_same(yaw: Homed) -> None:
         assert requested(yaw).profile == 1
 
 
+def test_a_joint_of_few_counts_may_flicker_by_two(yaw: Homed, monkeypatch: pytest.MonkeyPatch) -> None:
+    number, row, bus = place_on_bus(yaw.loop, yaw.place)
+    coarse = replace(bus, scale=bus.scale * 4.0)
+    monkeypatch.setattr(homing_request, "place_on_bus", lambda *_: (number, row, coarse))
+    with described(yaw, stops=JointEndstops(lower=-6.4)):
+        assert requested(yaw).search.still == 2.0
+
+
 @pytest.mark.parametrize(
     ("side", "limits", "back"),
     [("lower", {"lower": -1.3}, 0.32), ("upper", {"upper": 1.2}, 0.42), ("lower", {"lower": -1.58}, 0.1)],
@@ -154,15 +163,15 @@ def test_it_backs_off_until_the_joint_may_be_armed(
 
 
 @pytest.mark.parametrize(("own", "cap"), [(1193, CAP), (500, 60), (3, 1)])
-def test_the_cap_is_a_share_of_the_lesser_limit_of_file_and_servo(yaw: Homed, own: int, cap: int) -> None:
-    port = yaw.loop.hardware.ports[0]
+def test_the_cap_is_a_share_of_the_lesser_limit_of_file_and_servo(pitch: Homed, own: int, cap: int) -> None:
+    port = pitch.loop.hardware.ports[0]
     before = port.devices
     port.devices = tuple(
-        replace(each, settings={**each.settings, "current_limit": own}) if each.id == yaw.spec.id else each
+        replace(each, settings={**each.settings, "current_limit": own}) if each.id == pitch.spec.id else each
         for each in before
     )
     try:
-        found = requested(yaw)
+        found = requested(pitch)
     finally:
         port.devices = before
     assert (found.cap, found.search.cap) == (cap, cap)
@@ -348,6 +357,7 @@ def test_a_joint_that_is_not_verified_is_refused(yaw: Homed, monkeypatch: pytest
     verified = yaw.loop.identity.verified
     none = verified.joints & False
     monkeypatch.setattr(type(verified), "joints", property(lambda _: none))
+    assert [each.code for each in refused(yaw, client=OTHER)] == [ReasonCode.LEASE_MISSING]
     [finding] = refused(yaw)
     assert finding.code == ReasonCode.CALIB_MISMATCH and finding.joint == yaw.place
     assert finding.message == "not verified since its bus was identified: `twindctl status`"
@@ -393,6 +403,28 @@ def test_a_type_without_a_limit_of_current_is_refused(yaw: Homed, monkeypatch: p
     assert finding.message == (
         "its type has no current_limit_a, or reports no current: there is nothing to cap"
     )
+
+
+@pytest.mark.parametrize("hot", [JOINT, PITCH])
+def test_a_hot_servo_is_not_driven_but_may_be_a_neighbour(
+    yaw: Homed, hot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warm = yaw.loop.hardware.slow.temperature.copy()
+    warm[yaw.names.index(hot)] = 200.0
+    gate_input = type(yaw.loop.commands.gate_input)
+    before = gate_input.snapshot
+
+    def heated(*how: Any) -> Any:
+        snapshot = before(*how)
+        return replace(snapshot, condition=replace(snapshot.condition, temperature=warm))
+
+    monkeypatch.setattr(gate_input, "snapshot", heated)
+    found = resolve(yaw)
+    if hot == PITCH:
+        assert isinstance(found, HomingRequest)
+        return
+    [finding] = found
+    assert (finding.code, finding.joint) == (ReasonCode.THERMAL_HEADROOM, yaw.place)
 
 
 def test_of_other_joints_only_their_torque_matters(yaw: Homed, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -437,6 +437,15 @@ ROOMS = (
         ("twind/loop/procedures/homing_request.py",),
         ("tests/loop/test_homing_request.py",),
     ),
+    Room(
+        "commands",
+        ("twind/loop/procedures/command_handlers.py",),
+        (
+            "tests/loop/test_command_handlers.py",
+            "tests/loop/test_mode_and_lease_commands.py",
+            "tests/loop/test_torque_commands.py",
+        ),
+    ),
 )
 
 
