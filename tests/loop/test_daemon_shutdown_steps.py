@@ -71,9 +71,12 @@ def test_torque_of_an_inhibited_robot_stays_on_when_the_daemon_ends(rig: Procedu
     assert rig.hardware.log == []
 
 
-def test_torque_that_is_being_switched_goes_off_when_the_daemon_ends() -> None:
+@pytest.mark.parametrize("inhibited", [False, True])
+def test_torque_that_is_being_switched_goes_off_when_the_daemon_ends(inhibited: bool) -> None:
     rig = ProcedureRig()
     rig.torque.begin_energising()
+    if inhibited:
+        rig.torque.inhibit()
     shut(rig)
     assert rig.requests() == OFF
 

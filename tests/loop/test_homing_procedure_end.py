@@ -54,6 +54,7 @@ ENDS: Mapping[str, End] = {
     ),
     "an e-stop": (lambda made: made.call(link.EStop, client=OTHER), STOPPED),
     "an e-stop that cuts": (lambda made: made.call(link.EStop, client=OTHER, level="cut"), STOPPED),
+    "somebody cancels": (lambda made: made.call(link.Cancel, client=OTHER), {ReasonCode.STOP_NOT_FOUND}),
     "somebody disarms": (lambda made: made.call(link.Disarm, client=OTHER), STOPPED),
     "a fault inside": (
         lambda made: fail(made.loop, made.loop.parts.guard.bars or fault()),
@@ -103,10 +104,14 @@ def test_an_endstop_away_from_its_place_is_not_accepted(truth: tuple[float, floa
         assert failed(made, made.find(speed=0.5)) == [ReasonCode.STOP_NOT_FOUND]
 
 
-def test_a_daemon_that_ends_restores_the_servo_first() -> None:
+@pytest.mark.parametrize("inhibited", [False, True])
+def test_a_daemon_that_ends_restores_the_servo_first_and_replies(inhibited: bool) -> None:
     with homed() as made:
         made.ready()
-        made.powered(made.find())
+        ticket = made.find()
+        made.powered(ticket)
+        if inhibited:
+            inhibit(made.loop, fault(), made.clock.now())
         made.loop.condition.stop_wanted = True
         for _ in range(300):
             made.ticks(1)
@@ -114,6 +119,7 @@ def test_a_daemon_that_ends_restores_the_servo_first() -> None:
                 break
         assert made.loop.condition.finished
         assert not any(made.torques()) and made.settings() == made.before
+        assert made.replies(ticket)[-1].parameters["phase"] == "failed"
 
 
 def test_an_adapter_that_goes_and_comes_back_finds_it_undone() -> None:

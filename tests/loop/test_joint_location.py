@@ -3,10 +3,7 @@
 Whatever the servo counts after its start, the daemon takes the true turn or none, and none silently.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from math import pi
 from typing import Any
 
 import numpy as np
@@ -16,39 +13,18 @@ from hypothesis import strategies as st
 
 from tests.support.daemon_rig import Rig
 from tests.support.examples import examples, fast_cases
-from tests.support.planar_arm import WAIST, waist_in
+from tests.support.long_waist import PLAIN, STOP, TURN, long_waist_in, started
+from tests.support.planar_arm import WAIST
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.config.robot_report import check_robot
-from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
-from twind.virtual.virtual_robot_spec import calibration, make_spec
 
-RATIO = 3.0
-TURN = 2.0 * pi / RATIO  # rad of the joint
-STOP = 1.64  # rad, described
 NEAR = 0.02  # rad
-PLAIN = JointGroundTruth(stops_rad=(-STOP, STOP))
 
 
 @pytest.fixture(scope="module")
 def waist(tmp_path_factory: pytest.TempPathFactory) -> str:
-    stops = f", stop_rad: {{lower: -{STOP:g}, upper: {STOP:g}}}"
-    return waist_in(tmp_path_factory.mktemp("waist"), RATIO, stops)
-
-
-@contextmanager
-def started(waist: str, angle: float, truth: JointGroundTruth = PLAIN) -> Iterator[Rig]:
-    """A daemon whose robot's waist stands there, calibrated as it is; connected, leased, calibrating."""
-    known = load_robot(waist)
-    plain = calibration(make_spec(known, truth=RobotGroundTruth({WAIST: PLAIN})))
-    rig = Rig(waist, truth=RobotGroundTruth({WAIST: truth}), calibrated=plain, start={WAIST: angle})
-    try:
-        rig.connect()
-        rig.lease()
-        assert rig.call(link.Calibrate, on=True).error is None
-        yield rig
-    finally:
-        rig.close()
+    return long_waist_in(tmp_path_factory.mktemp("waist"))
 
 
 def stands(rig: Rig) -> float:

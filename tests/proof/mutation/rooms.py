@@ -455,6 +455,35 @@ ROOMS = (
             "tests/motion/test_endstop_search_end.py",
         ),
     ),
+    Room(
+        "restore",
+        ("twind/loop/procedures/homing_restore.py",),
+        ("tests/loop/test_homing_restore_steps.py",),
+    ),
+    Room(
+        "location",
+        ("twind/loop/procedures/joint_location.py",),
+        ("tests/loop/test_joint_location_steps.py",),
+    ),
+    Room(
+        "buswait",
+        ("twind/loop/bus/bus_wait.py",),
+        ("tests/loop/test_bus_wait.py",),
+    ),
+    Room(
+        "request",
+        ("twind/loop/procedures/homing_request.py",),
+        ("tests/loop/test_homing_request.py",),
+    ),
+    Room(
+        "commands",
+        ("twind/loop/procedures/command_handlers.py",),
+        (
+            "tests/loop/test_command_handlers.py",
+            "tests/loop/test_mode_and_lease_commands.py",
+            "tests/loop/test_torque_commands.py",
+        ),
+    ),
 )
 
 

@@ -158,7 +158,7 @@ class CommandHandlers:
     def _hold(self, reason: Finding) -> None:
         """End a motion, also one that waits for its start, and an arming. A way to the rest pose goes on."""
         context = self._context
-        busy = context.executor.motion in (Motion.ACTIVE, Motion.STREAMING) or context.executor.waiting
+        busy = context.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
         if context.procedures.rank is Priority.ARM:
             context.procedures.own(Priority.DISARM, lambda: arming.give_up(context))
         elif context.procedures.rank is None and busy:
@@ -317,14 +317,15 @@ class CommandHandlers:
         if context.procedures.own(rank, start, ended):
             return True
         running = context.procedures.rank
-        what = running.name.lower() if running is not None else "starting"
+        assert running is not None  # it was not begun as that one runs
+        what = running.name.lower()
         context.reports.error(command, "Busy", what=f"{what}: {LOWERING}" if self._lowering() else what)
         return False
 
     def _reply(self, command: link.Command, outcome: CallOutcome | None) -> None:
         """Send the outcome of a procedure."""
-        if outcome is not None:
-            self._context.reports.answer(command, outcome)
+        assert outcome is not None  # arming and disarming always have one
+        self._context.reports.answer(command, outcome)
 
     def _lowering(self) -> bool:
         """Check for a procedure that leads to torque off."""
@@ -388,4 +389,6 @@ class CommandHandlers:
         if context.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
             self.submissions.stopped.stop(command.client, now)
             context.executor.stop()
+        elif context.procedures.rank is Priority.HOME:
+            self.homing.cancel()
         context.reports.reply(command, state=context.condition.state.value)

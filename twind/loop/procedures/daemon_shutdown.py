@@ -37,15 +37,15 @@ def shutdown(
     """Lower the robot if this daemon has torque on, then end; `now`: s.
 
     Torque that was found on, or may not be written any more, stays as it is, unless it was going off
-    already (`releasing`: this ends the procedure that did so) or a stop is latched. A lost bus is waited for,
-    `AWAITED` s before the robot is lowered and after it.
+    already (`releasing`: this ends the procedure that did so), an end-stop search had it, or a stop is
+    latched. A lost bus is waited for, `AWAITED` s before the robot is lowered and after it.
     """
     torque = context.torque
     until = now + AWAITED
     lowers = not (_is_sent(torque) or torque.energising)
     while lowers and _is_due(context) and not context.hardware.connected and now < until:
         now = yield
-    if releasing or not torque.inhibited:
+    if releasing or torque.energising or not torque.inhibited:
         mine = torque.armed or torque.energising or (_is_due(context) and torque_on(context))
         if (releasing or mine) and not _is_sent(torque):
             context.condition.change_if(RobotEvent.SETTLE)

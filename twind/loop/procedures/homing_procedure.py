@@ -66,6 +66,7 @@ class HomingProcedure:
         self._verified = verified
         self.unrestored: EndstopSearchRecord | None = None
         self._last_report = (-1.0, "")  # s and phase of the last report
+        self._cancelled = False  # a client ended the search that runs
 
     def ask(self, command: link.FindStop, now: float) -> None:
         """Begin a search, or reply with the reason why not."""
@@ -89,11 +90,16 @@ class HomingProcedure:
         device = next(each for each in found.port.devices if each.id == found.id)
         pending = EndstopSearchRecord(command, found, device)
         end = partial(self._end, pending)
+        self._cancelled = False
         try:
             context.procedures.own(Priority.HOME, lambda: self._search(pending), end)
         except Exception:
             self._finish(pending)  # whoever serves the call replies to it
             raise
+
+    def cancel(self) -> None:
+        """End the search that runs: torque goes off, and the servo is restored."""
+        self._cancelled = True
 
     def busy(self, bus: str | None = None, id: int | None = None) -> str:
         """Return the text on what must end before that device may be changed; empty: nothing.
@@ -329,6 +335,8 @@ class HomingProcedure:
         joint = pending.request.joint
         if context.condition.state is not RobotState.CALIBRATING or context.condition.latches:
             yield find_end_cause(context)
+        if self._cancelled:
+            yield Finding(ReasonCode.STOP_NOT_FOUND, message="a client cancelled the search")
         if not self._lease.held_by(pending.command.client, now):
             yield Finding(ReasonCode.LEASE_LOST, message="the lease is gone")
         yield from self._guard.bars

@@ -16,8 +16,8 @@ from twind.loop.procedures.homing_request import HomingRequest
 from twind.loop.procedures.internal_faults import fail
 from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.procedure_context import ProcedureContext
-from twind.loop.procedures.procedure_runner import Priority, Procedure, ticks
-from twind.motion.endstop_search import HomingPhase
+from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps, ticks
+from twind.motion.endstop_search import LOST, HomingPhase
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.multiturn import StatedPlace
@@ -25,6 +25,7 @@ from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireRangeError
 
 REFUSALS = 3  # refusals of the servo after which restoring ends and is reported
 RESTED = 32  # counts that a joint may move from its rest while its mode is restored, to keep its turn
+RESTING = "the end-stop search"
 PAUSE = 25  # ticks between two attempts, so that other requests get bus time
 ANSWER = 3.0  # s after the end of the search by which the caller gets its reply, restored or not
 ITS_OWN = ("drive_mode", "homing_offset", STAMPED)  # settings that identify the servo
@@ -43,6 +44,7 @@ class EndstopSearchRecord:
     shift: int = 0  # counts: calibrated count minus raw, in the present mode
     looked_after: bool = False  # True from agreeing readings until the search begins: an old reading ends it
     rest: int | None = None  # calibrated count at which it rests afterwards; None: its turn was known before
+    left_rest: bool = False  # since then it moved or was silent: it may be on another turn
     powered: float | None = None  # s, when torque was read back on
     over: bool = False  # the search has ended, and its torque too, or another procedure takes it
     answered: bool = False
@@ -61,21 +63,49 @@ def give_back(
     A turn that the search determined is given to `verified`. `restored` is called when it is done, or will
     never be.
     """
-    port = pending.request.port
     while not pending.over:
         yield
+    steps = _give_back(context, pending, verified, restored)
+    while True:
+        try:
+            next(steps)
+        except StopIteration:
+            return None
+        now = yield
+        if pending.rest is not None and not _rests(context, pending, pending.rest, now):
+            pending.left_rest = True
+
+
+def _give_back(
+    context: ProcedureContext,
+    pending: EndstopSearchRecord,
+    verified: JointVerificationState,
+    restored: Callable[[], None],
+) -> Steps:
+    """Run all steps from the end of the search to the reply."""
+    port = pending.request.port
     until = context.clock.now() + ANSWER
     why = yield from _returned(context, pending, until)
     pending.findings += why
     _report_restore(context, pending, why)
     restored()
     port.identify()
-    while not pending.answered and not context.hardware.connected and context.clock.now() < until:
+    while not (pending.answered or context.hardware.connected or context.condition.stop_wanted):
+        if context.clock.now() >= until:
+            break
         yield  # the client may go on at once after the reply
     if pending.rest is not None and not why and not pending.answered:
         pending.findings += yield from _turn_kept(pending, pending.rest, verified)
     answer(context, pending)
-    return None
+
+
+def _rests(context: ProcedureContext, pending: EndstopSearchRecord, rest: int, now: float) -> bool:
+    """Check that the joint still rests at the count `rest`, whatever turn its mode counts from."""
+    aim = pending.request
+    raw = context.hardware.readings.raw
+    place = StatedPlace(rest, RESTED, RESTING)
+    read = now - float(raw.heard_at[aim.joint]) <= LOST
+    return read and place.contradiction(aim.joint, int(raw.ticks[aim.joint]), aim.turn) is None
 
 
 def _turn_kept(
@@ -86,15 +116,16 @@ def _turn_kept(
     Its mode was changed meanwhile, which may have changed its count by whole turns.
     """
     joint = pending.request.joint
-    place = StatedPlace(rest, RESTED, "the end-stop search")
-    against = verified.locate(joint, place)
-    for _ in range(PAUSE):
-        if against is not None or verified.turn_known[joint]:
-            break
-        yield
-    verified.withdraw([joint])
-    if verified.turn_known[joint]:
-        return ()
+    against = None
+    if not pending.left_rest:
+        against = verified.locate(joint, StatedPlace(rest, RESTED, RESTING))
+        for _ in range(PAUSE):
+            if against is not None or verified.turn_known[joint]:
+                break
+            yield
+        verified.withdraw([joint])
+        if verified.turn_known[joint]:
+            return ()
     message = "it moved while its mode was restored, or does not answer: its turn stays unknown"
     return (against or Finding(ReasonCode.CALIB_MISMATCH, joint, message=message),)
 
@@ -117,7 +148,7 @@ def _returned(
             refusals += isinstance(error, DeviceRefused | KeyError | ValueError)  # it was not cut short
             if refusals >= REFUSALS:
                 return (unrestored(pending, str(error)),)
-        if context.clock.now() > until and not pending.answered:
+        if context.clock.now() > until:
             waits = "torque or bus do not allow it yet; it is tried again until they do"
             answer(context, pending, unrestored(pending, waits))
         yield from ticks(PAUSE)

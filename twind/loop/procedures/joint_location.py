@@ -41,8 +41,8 @@ class JointLocation:
 
         def answer(outcome: CallOutcome | None) -> None:
             self._verified.withdraw(command.joints)
-            if outcome is not None:
-                context.reports.answer(command, outcome)
+            assert outcome is not None  # `_locate` always returns one
+            context.reports.answer(command, outcome)
 
         context.procedures.beside(self._locate(command), answer)
 
