@@ -326,6 +326,34 @@ def test_a_fault_of_an_axis_is_cleared_at_its_next_heartbeat(phase: int) -> None
     assert rig.registers.fault.tolist() == [0, 0]
 
 
+@pytest.mark.parametrize(("rate_hz", "reads"), [(100.0, 30), (20.0, 6), (8.0, 3)])
+def test_a_fault_of_an_axis_that_stays_is_refused_after_the_time_of_three_heartbeats(
+    rate_hz: float, reads: int
+) -> None:
+    rig = CanRig(("ODrive", AK), rate_hz=rate_hz, watchdog=False)
+    rig.registers.fault[0] = 0x10
+    script = rig.writer.prepare(HERE)
+    next(script)
+    requests: list[Any] = []
+    with pytest.raises(DeviceRefused, match="id 1: fault: fault bits 0x10 stay"):
+        to_its_end(script, report(1), requests)
+    assert requests == [ReadRequest((1,), STATE, len(state(0, 0)))] * reads
+
+
+def test_another_actuator_of_the_bus_is_commanded_while_the_fault_of_an_axis_is_awaited() -> None:
+    """A CubeMars gets no other frame, and its watchdog would let go what it holds."""
+    rig = CanRig(("ODrive", AK), watchdog=False)
+    rig.bus.nodes.each[1].watch.timeout = 0.1
+    here = rig.arm()
+    rig.faults.damage(1, 0x40)
+    rig.ticks(30, here)
+    steps = rig.stepped(rig.writer.prepare(here))
+    for _ in range(29):
+        rig.faults.damage(1, 0x40)
+        next(steps)
+        assert rig.energised()[1]
+
+
 # ------------------------------------------------------------------------------------- gains
 
 

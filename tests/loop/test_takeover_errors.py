@@ -49,6 +49,15 @@ def test_a_device_that_refuses_twice_does_not_keep_the_others_from_being_lowered
     assert event.message == f"lowered although a device refused: {REFUSED}"
 
 
+def test_a_device_that_refuses_twice_is_left_out_with_those_of_its_transmission(rig: ProcedureRig) -> None:
+    """Its mate alone would turn their joints elsewhere than to the rest pose."""
+    rig.robot.joints.transmission_groups = (np.array([1, 2]),)
+    rig.found()
+    rig.hardware.failing["prepare"] = [REFUSED, REFUSED, None]
+    assert taken(rig)
+    assert rig.torque.held.tolist() == [True, False, False]
+
+
 def test_a_limp_device_is_not_prepared_again(rig: ProcedureRig) -> None:
     """Its refusal is none of a joint that would be lowered."""
     rig.found((1, 0, 1))

@@ -6,6 +6,7 @@ the power, so it is written before each torque-on.
 
 from collections.abc import Mapping, Sequence
 from itertools import count
+from math import ceil
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.can.actuator_family import FamilyRegister
-from twind_drivers.can.can_torque import BEATS
 from twind_drivers.can.command_frames import CanCommandEncoder
 from twind_drivers.can.register_access import STATE, decode, encode, read_register
 
@@ -30,6 +30,7 @@ DUE = 2  # ... commands due in that time, so that one lost command does not rele
 MODES = ("mode", "run_mode")  # registers of the commands that an actuator accepts
 LIMIT = "torque_limit"
 TRIES = 3  # requests before NoReply: one lost frame is no missing actuator
+BEATS = 0.3  # s, of ODrive's heartbeat, ten times a second; shorter than the hold of other buses meanwhile
 UNWATCHED = (
     "ids {}: no watchdog that can be read back over this bus: without one set in the vendor's tool they "
     "hold their last command for ever when this daemon dies"
@@ -131,8 +132,10 @@ def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[N
         if not left.any():
             return
         # One that acknowledges nothing reports its faults by its heartbeat alone, some reads later.
-        if look >= (BEATS if (left & ~own.fleet.replies).any() else TRIES):
+        beats = ceil(BEATS * own.reader.rate_hz) if (left & ~own.fleet.replies).any() else 0
+        if look >= max(TRIES, beats):
             break
+        own.hold(ticks)  # others may carry a load, and their watchdogs run
         reply = yield ReadRequest(tuple(own.by_id(left)), STATE, 3)
         replied = replied | own.rows(reply.data)
         waited = waited + reply.waited

@@ -18,7 +18,7 @@ from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps
 from twind.loop.procedures.torque_readback import found_limp, torque_on
 from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
-from twind.robot.arrays import Bools, Floats, some
+from twind.robot.arrays import Bools, Floats, some, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import TRIPPED, BusError, DeviceRefused, NoReply, PortError
 
@@ -80,7 +80,8 @@ def _prepare(context: ProcedureContext, here: Floats, located: Bools, whole: boo
     """Clear watchdogs with goal := `here` (n,), rad.
 
     A write is not acknowledged, so a device that holds another value gets it once more; one that refuses it
-    again is left out. Raises BusError; of single devices and of a lost bus only where all are needed.
+    again is left out, with those of its transmission: alone they would turn its joints. Raises BusError; of
+    single devices and of a lost bus only where all are needed.
     """
     context.executor.idle()
     context.hardware.clear()
@@ -92,7 +93,7 @@ def _prepare(context: ProcedureContext, here: Floats, located: Bools, whole: boo
             _say_not_lowered(context, error)
             return
         device = _joints_of(context, error) & located
-        left = located & ~(device & refusing)
+        left = located & ~spread_over_groups(device & refusing, context.robot.joints.transmission_groups)
         if not some(device) or not some(left):
             raise error
         if some(left != located):
