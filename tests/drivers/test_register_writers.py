@@ -400,6 +400,16 @@ def test_an_error_alone_is_no_reason_to_restart_a_servo_whose_torque_reads_on(
         rig.perform(rig.writer.reboot(2))
 
 
+@pytest.mark.parametrize("make", [feetech, xl, pro])
+def test_a_servo_that_has_torque_and_no_error_is_not_restarted_as_one_that_has_shut_down(
+    make: Callable[[], Any],
+) -> None:
+    rig = make()
+    rig.arm()
+    with pytest.raises(DeviceRefused, match="its torque is on"):
+        rig.perform(rig.writer.reboot(2, shut_down=True))
+
+
 @pytest.mark.parametrize("make", [feetech, xl])  # a PRO that shuts down reads torque off
 def test_an_order_to_restart_that_was_lost_goes_again_and_two_are_no_restart(make: Callable[[], Any]) -> None:
     rig = shut_down(make)

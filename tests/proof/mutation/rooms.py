@@ -416,9 +416,11 @@ ROOMS = (
             "drivers/twind_drivers/dynamixel/damping.py",
             "drivers/twind_drivers/dynamixel/ram_restore.py",
             "drivers/twind_drivers/dynamixel/operating_modes.py",
+            "drivers/twind_drivers/half_duplex/register_restart.py",
         ),
         (
             "tests/drivers/test_damping.py",
+            "tests/drivers/test_register_writers.py",
             "tests/drivers/test_ram_restore.py",
             "tests/drivers/test_operating_mode_rules.py",
             "tests/drivers/test_operating_modes.py",
