@@ -470,7 +470,7 @@ ROOMS = (
     Room(
         "buswait",
         ("twind/loop/bus/bus_wait.py",),
-        ("tests/loop/test_bus_wait.py",),
+        ("tests/loop/test_all_buses_wait.py",),
     ),
     Room(
         "request",
