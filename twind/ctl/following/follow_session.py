@@ -5,11 +5,11 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from twind.client import NoAnswer
+from twind.client import ClientError, NoAnswer
 from twind.command_line.verb import REFUSED, UsageError
 from twind.ctl.following.joint_mapping import STALE, JointLink, link_joints, stale_reading
 from twind.exceptions import InvalidInput
@@ -63,7 +63,7 @@ def _run(leader: Robot, links: Sequence[JointLink], stream: GoalStream) -> str:
     before: RobotSnapshot | None = None
     with stream:
         try:
-            for snapshot in leader.states(patience=STALE):
+            for snapshot in _states(leader):
                 if why := _stale(links, snapshot):
                     return why
                 goals = [each.goal(_position(snapshot, each)) for each in links]
@@ -78,9 +78,21 @@ def _run(leader: Robot, links: Sequence[JointLink], stream: GoalStream) -> str:
                 stream.send(goals, speeds)
                 report.tell(time.monotonic())
                 before = snapshot
-        except NoAnswer as error:
+        except (_LeaderLost, NoAnswer) as error:
             return str(error)
     return "the leader sends no states"
+
+
+class _LeaderLost(Exception):
+    """The leader's daemon does not answer, or its connection has closed."""
+
+
+def _states(leader: Robot) -> Iterator[RobotSnapshot]:
+    """Yield the leader's states. Raises _LeaderLost, so that errors of the follower stay apart."""
+    try:
+        yield from leader.states(patience=STALE)
+    except ClientError as error:
+        raise _LeaderLost(str(error)) from error
 
 
 def _stale(links: Sequence[JointLink], snapshot: RobotSnapshot) -> str | None:
