@@ -5,7 +5,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -63,7 +63,12 @@ def _run(leader: Robot, links: Sequence[JointLink], stream: GoalStream) -> str:
     before: RobotSnapshot | None = None
     with stream:
         try:
-            for snapshot in _states(leader):
+            states = leader.states(patience=STALE)
+            while True:
+                try:
+                    snapshot = next(states)
+                except ClientError as error:  # of the leader; those of the follower are not its loss
+                    return str(error)
                 if why := _stale(links, snapshot):
                     return why
                 goals = [each.goal(_position(snapshot, each)) for each in links]
@@ -78,21 +83,8 @@ def _run(leader: Robot, links: Sequence[JointLink], stream: GoalStream) -> str:
                 stream.send(goals, speeds)
                 report.tell(time.monotonic())
                 before = snapshot
-        except (_LeaderLost, NoAnswer) as error:
+        except NoAnswer as error:
             return str(error)
-    return "the leader sends no states"
-
-
-class _LeaderLost(Exception):
-    """The leader's daemon does not answer, or its connection has closed."""
-
-
-def _states(leader: Robot) -> Iterator[RobotSnapshot]:
-    """Yield the leader's states. Raises _LeaderLost, so that errors of the follower stay apart."""
-    try:
-        yield from leader.states(patience=STALE)
-    except ClientError as error:
-        raise _LeaderLost(str(error)) from error
 
 
 def _stale(links: Sequence[JointLink], snapshot: RobotSnapshot) -> str | None:
