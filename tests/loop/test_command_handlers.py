@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.command_rig import CLIENT, OTHER, CommandRig, begin_arming, ended, streams
+from tests.support.command_rig import CLIENT, OTHER, RANKS, CommandRig, begin_arming, ended, streams
 from tests.support.gate_rig import path
 from tests.support.procedure_rig import PLACE
 from twind import link
@@ -12,11 +12,6 @@ from twind.loop.ipc.call_outcome import CallReply
 from twind.loop.procedures.procedure_runner import Priority
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
-
-FAULT = Finding(ReasonCode.FOLLOW_ERR, 1, message="rad: too far")
-OTHER_FAULT = Finding(ReasonCode.STATE_STALE, 0, message="s: too old")
-RANKS = tuple(Priority)
-LOWERING = [rank for rank in RANKS if rank >= Priority.DISARM]
 
 
 @pytest.fixture

@@ -10,11 +10,6 @@ from twind.loop.procedures.procedure_runner import Priority
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 
-FAULT = Finding(ReasonCode.FOLLOW_ERR, 1, message="rad: too far")
-OTHER_FAULT = Finding(ReasonCode.STATE_STALE, 0, message="s: too old")
-RANKS = tuple(Priority)
-LOWERING = [rank for rank in RANKS if rank >= Priority.DISARM]
-
 
 @pytest.fixture
 def rig() -> CommandRig:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.command_rig import OTHER, CommandRig, begin_arming, latch
+from tests.support.command_rig import FAULT, OTHER, RANKS, CommandRig, begin_arming, latch
 from tests.support.procedure_rig import PLACE
 from twind import link
 from twind.loop.ipc.call_outcome import CallRefusal, CallReply
@@ -15,9 +15,7 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.safety.state_machine import RobotEvent
 
-FAULT = Finding(ReasonCode.FOLLOW_ERR, 1, message="rad: too far")
 OTHER_FAULT = Finding(ReasonCode.STATE_STALE, 0, message="s: too old")
-RANKS = tuple(Priority)
 LOWERING = [rank for rank in RANKS if rank >= Priority.DISARM]
 
 

@@ -13,12 +13,14 @@ from twind.loop.procedures import arming
 from twind.loop.procedures.command_handlers import CommandHandlers
 from twind.loop.procedures.procedure_runner import Priority, Procedure
 from twind.loop.tick.loop_figures import LoopFigures
-from twind.robot.finding import Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.safety.lease import Lease
 from twind.safety.state_machine import RobotEvent
 
 CLIENT, OTHER = 7, 9
+FAULT = Finding(ReasonCode.FOLLOW_ERR, 1, message="rad: too far")
+RANKS = tuple(Priority)
 
 
 class LinkEnd:

@@ -17,7 +17,8 @@ from twind import link
 from twind.front.reload_queue import ANSWER, READING
 from twind.protocol import CONTROL, SERVICE, idl, load
 
-PATIENCE = READING + ANSWER  # s in which a connection is answered or closed: the longest is Reload
+PATIENCE = 5.0  # s in which a connection is answered or closed
+RELOAD = READING + ANSWER  # s that the front takes for a reload at most; what it would change waits as long
 QUIET = 0.5  # s without a word before something happens that is told to whoever watches
 NOTHING: dict[str, list[object]] = {"refusals": [], "warnings": [], "changes": []}
 GROWTH = 96 << 20  # bytes that the front may grow from its first thousand frames on
@@ -125,6 +126,7 @@ class Frames(FuzzTarget):
         self.interfaces = [load(CONTROL), load(SERVICE)]
         self.frames = self.answered = self.hung_up = self.connections = 0
         self.slowest = 0.0
+        self._reload_until = 0.0  # s, by the monotonic clock
         self.size: int | None = None
         self._checked = 0
         self._alive()
@@ -158,18 +160,21 @@ class Frames(FuzzTarget):
     # -------------------------------------------------------------------------------------- one connection
 
     def _converse(self, rng: Random, name: str, data: bytes) -> None:
-        """All of it is sent, in pieces; then the front has `PATIENCE` to answer, or to hang up.
+        """All of it is sent, in pieces; then the front has `PATIENCE` to answer, `RELOAD` for one, or to hang up.
 
         Behind it stands a call whose answer is known. A stream that was begun keeps it waiting, and is an
         answer itself. Some peers say no more and wait for the end, or leave without a word.
         """
         begun = time.monotonic()
+        if b"Reload" in data:
+            self._reload_until = begun + RELOAD
+        patience = max(PATIENCE, self._reload_until - begun)
         self.connections += 1
         ending = rng.choices(("last call", "half closed", "gone"), (90, 3, 7))[0]
         data += LAST if ending == "last call" else b""
         with socket.socket(socket.AF_UNIX) as peer:
             peer.connect(str(self._target.folder / f"{name}.sock"))
-            peer.settimeout(PATIENCE)
+            peer.settimeout(patience)
             try:
                 for piece in pieces(rng, data) if len(data) < 5000 else [data]:
                     peer.sendall(piece)
@@ -178,27 +183,27 @@ class Frames(FuzzTarget):
                 if ending == "half closed":
                     peer.shutdown(socket.SHUT_WR)
                 tail = b""
-                while heard := self._replies(peer):
+                while heard := self._replies(peer, patience):
                     self.answered += heard.count(b"\0") + heard.count(b"\n")
                     tail = tail[-1000:] + heard
                     if ending == "last call" and (b'"interfaces"' in tail or b'"continues":true' in tail):
                         break
-                    assert time.monotonic() - begun < 2 * PATIENCE, "neither answered nor closed"
+                    assert time.monotonic() - begun < 2 * patience, "neither answered nor closed"
                 else:
                     self.hung_up += ending == "last call"
             except (BrokenPipeError, ConnectionResetError):
                 self.hung_up += 1
         self.slowest = max(self.slowest, time.monotonic() - begun)
 
-    def _replies(self, peer: socket.socket) -> bytes:
-        """Replies within `PATIENCE`. For a call that monitors events or verdicts, one is caused."""
+    def _replies(self, peer: socket.socket, patience: float) -> bytes:
+        """Replies within `patience` s. For a call that monitors events or verdicts, one is caused."""
         begun = time.monotonic()
         peer.settimeout(QUIET)
         while True:
             try:
                 return peer.recv(1 << 18)
             except TimeoutError:
-                if time.monotonic() - begun > PATIENCE:
+                if time.monotonic() - begun > patience:
                     raise
                 self._target.cause_news()
 

@@ -66,14 +66,15 @@ def give_back(
     while not pending.over:
         yield
     steps = _give_back(context, pending, verified, restored)
-    while True:
-        try:
-            next(steps)
-        except StopIteration:
-            return None
-        now = yield
-        if pending.rest is not None and not _rests(context, pending, pending.rest, now):
-            pending.left_rest = True
+    try:
+        next(steps)
+        while True:
+            now = yield
+            if pending.rest is not None and not _rests(context, pending, pending.rest, now):
+                pending.left_rest = True
+            steps.send(now)
+    except StopIteration:
+        return None
 
 
 def _give_back(

@@ -5,6 +5,7 @@ Torque off that a device did not confirm is pending: it is sent again when the d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf
 
 import numpy as np
@@ -47,12 +48,17 @@ def joint_names(context: ProcedureContext, which: Bools) -> str:
 
 def error_text(context: ProcedureContext, error: Exception) -> str:
     """Return the text of a bus error, with the joints whose devices did not reply."""
-    which = np.zeros(len(context.robot.joints), np.bool_)
-    if isinstance(error, NoReply):
-        for bus in context.robot.joints.buses:
-            if bus.name == error.port:
-                which[bus.joints[np.isin(bus.ids, error.ids)]] = True
+    which = joints_of(context, error.port, error.ids) if isinstance(error, NoReply) else np.zeros(0, np.bool_)
     return f"{error} ({joint_names(context, which)})" if which.any() else str(error)
+
+
+def joints_of(context: ProcedureContext, port: str, ids: Sequence[int]) -> Bools:
+    """Return the mask (n,) of the joints of these devices."""
+    found = np.zeros(len(context.robot.joints), np.bool_)
+    for bus in context.robot.joints.buses:
+        if bus.name == port:
+            found[bus.joints[np.isin(bus.ids, ids)]] = True
+    return found
 
 
 def say_unconfirmed(context: ProcedureContext, error: BusError) -> None:

@@ -17,7 +17,7 @@ from twind.loop.bus.script_run import ScriptRun
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps
 from twind.loop.procedures.torque_readback import found_limp, torque_on
-from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
+from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, joints_of, take
 from twind.robot.arrays import Bools, Floats, some, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import TRIPPED, BusError, DeviceRefused, NoReply, PortError
@@ -92,7 +92,7 @@ def _prepare(context: ProcedureContext, here: Floats, located: Bools, whole: boo
         if not isinstance(error, DeviceRefused):  # the other devices took it over
             _say_not_lowered(context, error)
             return
-        device = _joints_of(context, error) & located
+        device = joints_of(context, error.port, (error.id,)) & located
         left = located & ~spread_over_groups(device & refusing, context.robot.joints.transmission_groups)
         if not some(device) or not some(left):
             raise error
@@ -111,15 +111,6 @@ def _gravest(tasks: Sequence[ScriptRun[None]]) -> Generator[None, float, Excepti
         yield from all_of(tasks)
     errors = [task.error for task in tasks if task.error is not None]
     return min(errors, key=lambda each: isinstance(each, NoReply | PortError), default=None)
-
-
-def _joints_of(context: ProcedureContext, error: DeviceRefused) -> Bools:
-    """Return the joints (n,) of the device that refused."""
-    found = np.zeros(len(context.robot.joints), np.bool_)
-    for bus in context.robot.joints.buses:
-        if bus.name == error.port:
-            found[bus.joints] = np.array(bus.ids) == error.id
-    return found
 
 
 def _leave_out(
