@@ -25,7 +25,7 @@ FALLEN = 0.6  # rad of tilt from which no step helps
 NEAR = 0.05  # rad: joints this near to the stance need no motion to it
 MOST_ELAPSED = 0.03  # s that the gait goes on at once after missed periods
 LATCHED = (ReasonCode.FAULT_LATCHED, ReasonCode.ESTOP_LATCHED)  # the daemon reacts: no e-stop of this program
-RECENT = 0.1  # s: an older reading of the IMU does not balance
+RECENT = 0.05  # s: an older reading of the IMU does not balance
 MOST_REFUSED = 3  # goals of a walk; a stopped robot refuses each
 # Velocities at which h24-standing walked without a refusal: forward, left, m/s; turn, rad/s.
 FASTEST = np.array([0.12, 0.03, 0.25])

@@ -160,7 +160,7 @@ class Frames(FuzzTarget):
     # -------------------------------------------------------------------------------------- one connection
 
     def _converse(self, rng: Random, name: str, data: bytes) -> None:
-        """All of it is sent, in pieces; then the front has `PATIENCE` to answer, `RELOAD` for one, or to hang up.
+        """All of it is sent, in pieces; then the front has `PATIENCE` to answer or hang up, `RELOAD` for one.
 
         Behind it stands a call whose answer is known. A stream that was begun keeps it waiting, and is an
         answer itself. Some peers say no more and wait for the end, or leave without a word.

@@ -478,6 +478,11 @@ ROOMS = (
         ("tests/loop/test_homing_request.py",),
     ),
     Room(
+        "conditions",
+        ("twind/loop/procedures/homing_conditions.py",),
+        ("tests/loop/test_homing_conditions.py",),
+    ),
+    Room(
         "commands",
         ("twind/loop/procedures/command_handlers.py",),
         (

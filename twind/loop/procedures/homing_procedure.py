@@ -12,11 +12,10 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
-import numpy as np
-
 from twind import link
 from twind.loop.ipc.call_outcome import CallOutcome
 from twind.loop.procedures.gate_input import GateInput
+from twind.loop.procedures.homing_conditions import servo_findings
 from twind.loop.procedures.homing_request import resolve_request, turns_between
 from twind.loop.procedures.homing_restore import (
     EndstopSearchRecord,
@@ -33,11 +32,9 @@ from twind.loop.procedures.procedure_runner import Priority, Procedure, Procedur
 from twind.loop.procedures.torque_switching import switch_torque_off
 from twind.loop.tick.loop_parts import LoopParts
 from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
-from twind.robot.arrays import some
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
-from twind.safety.device_rules import TRIPPED
 from twind.safety.state_machine import LATCHED
 from twind_drivers.bus import BusError, Script, WireRangeError
 from twind_drivers.single_device import SingleDeviceControl
@@ -332,7 +329,6 @@ class HomingProcedure:
 
     def _against(self, pending: EndstopSearchRecord, now: float) -> Generator[Finding, None, None]:
         context = self._context
-        joint = pending.request.joint
         if context.condition.state is not RobotState.CALIBRATING or context.condition.latches:
             yield find_end_cause(context)
         if self._cancelled:
@@ -349,30 +345,7 @@ class HomingProcedure:
         if pending.looked_after and not (age := now - self._sample(pending).at) <= LOST:
             message = "s since its last reading: check cable and power"
             yield Finding(ReasonCode.STATE_STALE, value=age, bound=LOST, message=message)
-        slow = context.hardware.slow
-        on = slow.torque == 1
-        on[joint] = False
-        if some(on):
-            other = int(np.argmax(on))
-            yield Finding(ReasonCode.TORQUE_MISMATCH, other, value=1.0, bound=0.0, message="its torque is on")
-        if pending.powered is None or not slow.status_time[joint] > pending.powered:
-            return
-        if slow.torque[joint] != 1:
-            value = float(slow.torque[joint])
-            yield Finding(
-                ReasonCode.TORQUE_MISMATCH, joint, value=value, bound=1.0, message="torque went off"
-            )
-        if slow.watchdog[joint] == TRIPPED:
-            message = "its watchdog tripped: no request on its bus for too long"
-            yield Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
-        elif (watchdog := float(slow.watchdog[joint])) != pending.watchdog:
-            message = "its watchdog differs from the one set: nothing would stop it if the daemon died"
-            yield Finding(
-                ReasonCode.DEVICE_MISMATCH, joint, value=watchdog, bound=pending.watchdog, message=message
-            )
-        if slow.fault[joint] > 0:
-            value = float(slow.fault[joint])
-            yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
+        yield from servo_findings(context, pending)
 
     def _done(self, pending: EndstopSearchRecord, script: Script[T]) -> Generator[None, float, T]:
         """Return a script's result, while all conditions hold. Raises its errors and ProcedureFailed."""
