@@ -275,11 +275,17 @@ def test_a_torque_limit_is_written_where_a_family_has_one_and_only_if_it_reads_o
 # ------------------------------------------------------------------------------------- faults
 
 
-def test_a_fault_that_is_gone_with_the_third_read_is_no_refusal() -> None:
+def prepared_with_faults(*faults: int) -> tuple[CanRig, Any]:
+    """Two actuators with these fault bits, and their preparation after its first order."""
     rig = CanRig((AK, AK), watchdog=False)
-    rig.registers.fault[1] = 3
+    rig.registers.fault[:] = faults
     script = rig.writer.prepare(HERE)
     next(script)
+    return rig, script
+
+
+def test_a_fault_that_is_gone_with_the_third_read_is_no_refusal() -> None:
+    rig, script = prepared_with_faults(0, 3)
     reads = [script.send(report(2)) for _ in range(3)]
     assert reads == [ReadRequest((2,), STATE, len(state(0, 0)))] * 3
     rig.registers.fault[1] = 0
@@ -288,10 +294,7 @@ def test_a_fault_that_is_gone_with_the_third_read_is_no_refusal() -> None:
 
 
 def test_a_fault_that_stays_is_refused_after_three_reads() -> None:
-    rig = CanRig((AK, AK), watchdog=False)
-    rig.registers.fault[:] = 1, 3
-    script = rig.writer.prepare(HERE)
-    next(script)
+    rig, script = prepared_with_faults(1, 3)
     assert [script.send(report(1, 2)).ids for _ in range(2)] == [(1, 2)] * 2
     rig.registers.fault[0] = 0
     assert script.send(report(1, 2)).ids == (2,)
@@ -300,10 +303,7 @@ def test_a_fault_that_stays_is_refused_after_three_reads() -> None:
 
 
 def test_an_actuator_that_does_not_tell_its_faults_is_reported_once_the_others_are_prepared() -> None:
-    rig = CanRig((AK, AK), watchdog=False)
-    rig.registers.fault[:] = 1, 3
-    script = rig.writer.prepare(HERE)
-    next(script)
+    rig, script = prepared_with_faults(1, 3)
     for _ in range(3):
         script.send(report(1))
     [order] = script.send(report(1)).writes
