@@ -1,7 +1,6 @@
 """Virtual servos of Protocol 1.0 on one bus: registers, torque, goals, alarms, supply, time.
 
-No packets here (`virtual_dynamixel1_bus`), no physics (`muscles`). Positions of the motor are counts,
-continuous over turns.
+No packets here (`virtual_dynamixel1_bus`), no physics (`muscles`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,15 +22,14 @@ from twind_drivers.dynamixel1.virtual_dynamixel1_spec import (
 from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
 from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
 from twind_drivers.virtual.servo_strength import Motors
-from twind_drivers.virtual.shown_position_log import ShownPositionLog
+from twind_drivers.virtual.virtual_table_servos import VirtualTableServos
 
 FULL = 1023
-CHECK = 0.01  # s between two checks of the load
 PATIENCE = 2.0  # s of full output after which an overload trips (assumed: no page gives it)
 ENDS = {"ax": 50, "ex": 58, "mx": 74, "mx_current": 74}  # first address behind the table
 
 
-class VirtualDynamixel1Servos:
+class VirtualDynamixel1Servos(VirtualTableServos):
     """m servos. Rows are indices of `specs`; time (s) is an argument and never goes back."""
 
     BOOT = 0.3  # s from power-up to the first reply (assumed)
@@ -40,37 +38,27 @@ class VirtualDynamixel1Servos:
     RAM: Mapping[str, int] = RAM  # defaults
     # Results of a write: unknown or read-only register; value out of range; goal outside the limits.
     UNKNOWN, OUTSIDE, BEYOND = RANGE, RANGE, ANGLE_LIMIT
-    VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20  # error bits
 
     def __init__(self, specs: Sequence[Dynamixel1ServoSpec], muscles: ServoPhysics, *, now: float) -> None:
         """Raises InvalidInput for a model that is not known."""
         self.specs = tuple(specs)
         self.models = [self._find_model(spec.model) for spec in specs]
         self.tables: list[RegisterTable] = [self._find_table(each) for each in self.models]
-        self.muscles = muscles
-        self.now = now
-        self.history: ShownPositionLog | None = None
-        self.hinges = [spec.hinge for spec in specs]
-        self.turn = [each.turn for each in self.models]
+        super().__init__(
+            self.tables,
+            [each.turn for each in self.models],
+            [spec.hinge for spec in specs],
+            [spec.volts or own.volts for spec, own in zip(specs, self.models, strict=True)],
+            muscles,
+            size=self.SIZE,
+            now=now,
+        )
         count = len(specs)
-        self.silenced = [False] * count
-        self.volts = [spec.volts or own.volts for spec, own in zip(specs, self.models, strict=True)]
         self._nominal = np.array(self.volts)
         other = model(STAND_IN).figures
         assert other is not None
         self._motors = Motors([each.figures or other for each in self.models], self._nominal)
-        self.celsius = [30.0] * count
-        self.injected = [0] * count  # error bits by order
-        self.frozen: list[int | None] = [None] * count
-        self.boots_at = [inf] * count
-        self.heard_at = [now] * count
         self._full_since: list[float | None] = [None] * count  # s, of full output
-        self._checked_at = now
-        self._redrive = self._retarget = False
-        self._blocked = np.zeros(count, np.bool_)
-        self._hand = np.full(count, np.nan)
-        self._reach = np.zeros(count)
-        self.ram = [bytearray(self.SIZE) for _ in specs]
         self.eeprom = [bytes(self.KEPT_END)] * count
         for row in range(count):
             self.restore_factory(row, settings=True)
@@ -103,29 +91,9 @@ class VirtualDynamixel1Servos:
 
     # ------------------------------------------------------------------------------- registers
 
-    def get(self, row: int, name: str) -> int:
-        """Return a register's value; 0: its table lacks it."""
-        field = self.tables[row].registers.get(name)
-        if field is None:
-            return 0
-        return field.decode(bytes(self.ram[row][field.address : field.address + field.size]))
-
-    def put(self, row: int, name: str, value: int) -> None:
-        """Set a register's value, without any effect."""
-        field = self.tables[row].registers[name]
-        self.ram[row][field.address : field.address + field.size] = field.encode(value)
-
-    def ids(self) -> list[int]:
-        """Return the ids in the order of rows."""
-        return [each[3] for each in self.ram]
-
     def baud(self, row: int) -> int:
         """Return the rate that register 4 stands for."""
         return baud_of(self.ram[row][4])
-
-    def listening(self, row: int) -> bool:
-        """Return True if the servo has power, is plugged in and has booted."""
-        return not self.silenced[row] and self.boots_at[row] == inf
 
     def read(self, row: int, address: int, size: int) -> bytes | None:
         """Return a block; None: it leaves the table."""
@@ -175,14 +143,6 @@ class VirtualDynamixel1Servos:
         else:
             self._redrive = True
 
-    def settle(self) -> None:
-        """Let the motors follow what was written since the last call."""
-        if self._redrive:
-            self.drive()
-        elif self._retarget:
-            self._set_goals()
-        self._redrive = self._retarget = False
-
     def encoder(self, row: int, count: float) -> float:
         """Return the place of the shaft at which the position register shows `count`."""
         turn: float = self.turn[row]
@@ -194,24 +154,7 @@ class VirtualDynamixel1Servos:
         last: int = self.models[row].counts - 1
         return min(count, last)
 
-    # ------------------------------------------------------------------------------- time
-
-    def advance(self, now: float) -> None:
-        """Let time pass until `now`: boots end, motors move, alarms trip."""
-        while min(self.boots_at) <= now:
-            row = int(np.argmin(self.boots_at))
-            self._pass(self.boots_at[row])
-            self.boot(row)
-            self.drive()
-        self._pass(now)
-
-    def _pass(self, now: float) -> None:
-        if now > self.now:
-            self.now = now
-            self.muscles.advance(now)
-            if now >= self._checked_at + CHECK:
-                self._checked_at = now
-                self._protect()
+    # ------------------------------------------------------------------------------- motors
 
     def _protect(self) -> None:
         """Unload each servo whose alarm is in its shutdown mask."""
@@ -237,15 +180,8 @@ class VirtualDynamixel1Servos:
     def error(self, row: int) -> int:
         """Return the error bits that are the state now."""
         since = self._full_since[row]
-        bits = self.injected[row]
-        volts = round(self.volts[row] * 10)
-        if not self.get(row, "min_voltage_limit") <= volts <= self.get(row, "max_voltage_limit"):
-            bits |= self.VOLTAGE
-        if self.celsius[row] > self.get(row, "temperature_limit"):
-            bits |= self.HEAT
-        if since is not None and self.now - since >= PATIENCE:
-            bits |= self.OVERLOAD
-        return bits
+        overloaded = since is not None and self.now - since >= PATIENCE
+        return super().error(row) | (self.OVERLOAD if overloaded else 0)
 
     def drive(self) -> None:
         """Let the motors follow the registers."""
@@ -284,29 +220,19 @@ class VirtualDynamixel1Servos:
         slope = (self.get(row, "cw_compliance_slope") + self.get(row, "ccw_compliance_slope")) / 2.0
         return DIVISOR * FULL / max(slope, 1.0)
 
-    def _set_goals(self) -> None:
-        self.muscles.set_goals(np.array([self._goal(row) for row in range(len(self.specs))], np.float64))
-
     def _goal(self, row: int) -> float:
         if self._is_wheel(row):
             speed = self.get(row, "moving_speed")
             return float(-(speed & FULL) if speed > FULL else speed)
         return self.encoder(row, self.get(row, "goal_position"))
 
-    def refresh(self) -> None:
-        """Write the present registers."""
-        places = [self.shown(row) for row in range(len(self.specs))]
-        if self.history is not None:
-            self.history.note(self.now, np.array(places))
-        for row, place in enumerate(places):
-            kept = self.frozen[row]
-            self.put(row, "present_position", place if kept is None else kept)
-            speed = float(self.muscles.velocity[row])
-            self.put(row, "present_velocity", round(np.clip(speed, -FULL, FULL)))
-            self.put(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -FULL, FULL))))
-            self.put(row, "present_input_voltage", round(self.volts[row] * 10))
-            self.put(row, "present_temperature", round(self.celsius[row]))
-            self.put(row, "moving", int(abs(speed) > 5))
+    def _drives(self, row: int) -> bool:
+        return self.get(row, "torque_enable") == 1 and self.get(row, "torque_limit") > 0
+
+    def _show_motion(self, row: int, velocity: float) -> None:
+        self.put(row, "present_velocity", round(np.clip(velocity, -FULL, FULL)))
+        self.put(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -FULL, FULL))))
+        self.put(row, "moving", int(abs(velocity) > 5))
 
     # ------------------------------------------------------------------------------- of a model
 
@@ -328,48 +254,6 @@ class VirtualDynamixel1Servos:
         """Return the first address behind the table."""
         return ENDS["ex" if "EX" in self.models[row].name else self.models[row].table]
 
-    # ------------------------------------------------------------------------------- from outside
-
-    def reset(self, row: int, until: float) -> None:
-        """Off the bus, torque lost; back at `until` (s) with RAM defaults."""
-        self.boots_at[row] = until
-        self.drive()
-
-    def block(self, row: int, on: bool) -> None:
-        """Hold this shaft fast, or release it."""
-        self._blocked[row] = on
-        self.muscles.block(self._blocked)
-
-    def set_hand_position(self, row: int, place: float, speed: float) -> None:
-        """Move a limp shaft by hand to `place` (counts; NaN: release it), counts/s."""
-        self._hand[row] = place
-        self._reach[row] = speed
-        self.muscles.set_hand_positions(self._hand, self._reach)
-
     def stand_ins(self) -> dict[str, str]:
         """Return the models without motor figures, and the one whose figures they have."""
         return {each.name: STAND_IN for each in self.models if each.figures is None}
-
-    def truth(self, now: float) -> list[dict[str, object]]:
-        """Return the true state of each servo, with the same keys as that of other families."""
-        self.advance(now)
-        rows: list[dict[str, Any]] = []
-        for row, id in enumerate(self.ids()):
-            on = self.get(row, "torque_enable") == 1 and self.get(row, "torque_limit") > 0
-            rows.append(
-                {
-                    "id": id,
-                    "position": float(self.muscles.position[row]),
-                    "encoder": float(self.muscles.position[row]),
-                    "velocity": float(self.muscles.velocity[row]),
-                    "goal": self.get(row, "goal_position"),
-                    "torque": on and self.boots_at[row] == inf,
-                    "watchdog": -1,
-                    "tripped": False,
-                    "listening": self.listening(row),
-                    "heard_ago": now - self.heard_at[row],
-                    "tripped_at": None,
-                    "trip_delay": None,
-                }
-            )
-        return rows

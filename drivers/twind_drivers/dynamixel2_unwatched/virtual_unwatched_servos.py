@@ -92,11 +92,6 @@ class VirtualUnwatchedServos(VirtualDynamixel1Servos):
     def _end(self, row: int) -> int:
         return self._layout.end
 
-    def ids(self) -> list[int]:
-        """Return the ids in the order of rows."""
-        at = self._layout.table["id"].address
-        return [each[at] for each in self.ram]
-
     def baud(self, row: int) -> int:
         """Return the rate that the baud register stands for."""
         return BAUDS[min(self.get(row, "baud_rate"), len(BAUDS) - 1)]
@@ -158,24 +153,14 @@ class VirtualUnwatchedServos(VirtualDynamixel1Servos):
         count = round(float(self.muscles.position[row]) - self._wrap(row))
         return min(count, own.highest) + self.get(row, "homing_offset")
 
-    def refresh(self) -> None:
-        """Write the present registers."""
-        places = [self.shown(row) for row in range(len(self.specs))]
-        if self.history is not None:
-            self.history.note(self.now, np.array(places))
-        for row, place in enumerate(places):
-            kept = self.frozen[row]
-            self.put(row, "present_position", place if kept is None else kept)
-            speed = float(self.muscles.velocity[row])
-            most = FULL if self.table == "xl320" else 2**31 - 1
-            self.put(row, "present_velocity", round(np.clip(speed, -most, most)))
-            if self.table == "xl320":
-                load = round(float(np.clip(self.muscles.pwm[row], -FULL, FULL)))
-                self.put(row, "present_load", load)
-            else:
-                ampere = float(self.muscles.current[row]) * AMPERE / self.models[row].ampere
-                self.put(row, "present_current", round(float(np.clip(ampere, -32767, 32767))))
-            self.put(row, "present_input_voltage", round(self.volts[row] * 10))
-            self.put(row, "present_temperature", round(self.celsius[row]))
-            self.put(row, "moving", int(abs(speed) > 5))
-            self.put(row, "hardware_error_status", self.error(row))
+    def _show_motion(self, row: int, velocity: float) -> None:
+        most = FULL if self.table == "xl320" else 2**31 - 1
+        self.put(row, "present_velocity", round(np.clip(velocity, -most, most)))
+        if self.table == "xl320":
+            load = round(float(np.clip(self.muscles.pwm[row], -FULL, FULL)))
+            self.put(row, "present_load", load)
+        else:
+            ampere = float(self.muscles.current[row]) * AMPERE / self.models[row].ampere
+            self.put(row, "present_current", round(float(np.clip(ampere, -32767, 32767))))
+        self.put(row, "moving", int(abs(velocity) > 5))
+        self.put(row, "hardware_error_status", self.error(row))

@@ -1,12 +1,11 @@
 """Virtual Feetech servos of one bus: registers, torque, goals, protection, supply, time.
 
 No packets here (`virtual_feetech_bus`), no physics (`muscles`). Where sources disagree on the behaviour of a
-servo, `FeetechServoSpec` chooses. Positions of the motor are encoder counts, continuous over turns.
+servo, `FeetechServoSpec` chooses.
 """
 
 from collections.abc import Sequence
 from math import floor, inf
-from typing import Any
 
 import numpy as np
 
@@ -15,16 +14,14 @@ from twind_drivers.feetech.feetech_registers import BAUDS, EPROM_END, GOAL, Regi
 from twind_drivers.feetech.virtual_feetech_spec import DEFAULTS, FIRMWARE, FeetechServoSpec
 from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
 from twind_drivers.virtual.servo_strength import DRY, VISCOUS, MotorStrength
-from twind_drivers.virtual.shown_position_log import ShownPositionLog
+from twind_drivers.virtual.virtual_table_servos import VirtualTableServos
 
-CHECK = 0.01  # s between two checks of the load, the unit of the protection time
 CURRENT = 0.00269 / AMPERE  # counts per raw current of the physics
 MULTI_TURN = 0x10  # phase bit 4
 MIDDLE = 2048
-OVERLOAD = 0x20
 
 
-class VirtualFeetechServos:
+class VirtualFeetechServos(VirtualTableServos):
     """m servos. Rows are indices of `specs`; time (s) is an argument and never goes back."""
 
     BOOT = 0.8  # s in the boot loader after each reset
@@ -34,7 +31,15 @@ class VirtualFeetechServos:
         self.specs = tuple(specs)
         self.models: list[FeetechModel] = [model(spec.model) for spec in specs]
         self.maps: list[RegisterMap] = [register_map(each.map) for each in self.models]
-        self.muscles = muscles
+        super().__init__(
+            self.maps,
+            [each.turn for each in self.maps],
+            [spec.hinge for spec in specs],
+            [spec.volts for spec in specs],
+            muscles,
+            size=256,
+            now=now,
+        )
         other = model(STAND_IN)
         known = [
             each.at(spec.volts) or other.at(spec.volts) for each, spec in zip(self.models, specs, strict=True)
@@ -43,27 +48,9 @@ class VirtualFeetechServos:
         self._motor = MotorStrength(
             stall=stall, speed=speed, friction=DRY * stall, damping=VISCOUS * stall / speed
         )
-        self.now = now
-        self.history: ShownPositionLog | None = None
-        self.hinges = [spec.hinge for spec in specs]
-        self.turn = [each.turn for each in self.maps]
         count = len(specs)
-        self.silenced = [False] * count
-        self.volts = [spec.volts for spec in specs]
-        self.celsius = [30.0] * count
-        self.injected = [0] * count  # error bits by order
-        self.frozen: list[int | None] = [None] * count
-        self.boots_at = [inf] * count
-        self.heard_at = [now] * count
         self._overloaded = [False] * count
         self._load_since: list[float | None] = [None] * count
-        self._shift = [0.0] * count  # encoder counts at register position 0
-        self._checked_at = now
-        self._redrive = self._retarget = False
-        self._blocked = np.zeros(count, np.bool_)
-        self._hand = np.full(count, np.nan)
-        self._reach = np.zeros(count)
-        self.ram = [bytearray(256) for _ in specs]
         self.eprom = [bytearray(EPROM_END) for _ in specs]
         for row in range(count):
             self._make(row)
@@ -101,23 +88,6 @@ class VirtualFeetechServos:
 
     # ------------------------------------------------------------------------------- registers
 
-    def get(self, row: int, name: str) -> int:
-        """Return a register's value."""
-        field = self.maps[row].registers[name]
-        data = self.ram[row]
-        if field.size == 1:
-            return data[field.address]
-        return field.decode(bytes(data[field.address : field.address + 2]))
-
-    def put(self, row: int, name: str, value: int) -> None:
-        """Set a register's value, without any effect."""
-        field = self.maps[row].registers[name]
-        self.ram[row][field.address : field.address + field.size] = field.encode(value)
-
-    def ids(self) -> list[int]:
-        """Return the ids in the order of rows."""
-        return [each[5] for each in self.ram]
-
     def baud(self, row: int) -> int:
         """Return the rate of a servo."""
         return BAUDS[min(self.get(row, "baud_rate"), len(BAUDS) - 1)]
@@ -125,10 +95,6 @@ class VirtualFeetechServos:
     def stand_ins(self) -> dict[str, str]:
         """Return the models without motor figures, and the one whose figures they have."""
         return {each.name: STAND_IN for each in self.models if not each.strength}
-
-    def listening(self, row: int) -> bool:
-        """Return True if the servo has power, is plugged in and has booted."""
-        return not self.silenced[row] and self.boots_at[row] == inf
 
     def write(self, row: int, address: int, data: bytes) -> None:
         """Carry out a write: values out of range and read-only registers are ignored without a word."""
@@ -155,14 +121,6 @@ class VirtualFeetechServos:
             self.ram[row][at : at + size] = raw
             if stored and at < EPROM_END:
                 self.eprom[row][at : at + size] = raw
-
-    def settle(self) -> None:
-        """Let the motors follow what was written since the last call."""
-        if self._redrive:
-            self.drive()
-        elif self._retarget:
-            self._set_goals()
-        self._redrive = self._retarget = False
 
     def _effect(self, row: int, name: str, value: int) -> bool:
         """Carry out what a write causes beside the register; return False where that does not change."""
@@ -221,24 +179,7 @@ class VirtualFeetechServos:
                 self._settle_turn(row)
         return round(float(self.muscles.position[row]) - self._shift[row])
 
-    # ------------------------------------------------------------------------------- time
-
-    def advance(self, now: float) -> None:
-        """Let time pass until `now`: boots end, motors move, overloads trip."""
-        while min(self.boots_at) <= now:
-            row = int(np.argmin(self.boots_at))
-            self._pass(self.boots_at[row])
-            self.boot(row)
-            self.drive()
-        self._pass(now)
-
-    def _pass(self, now: float) -> None:
-        if now > self.now:
-            self.now = now
-            self.muscles.advance(now)
-            if now >= self._checked_at + CHECK:
-                self._checked_at = now
-                self._protect()
+    # ------------------------------------------------------------------------------- motors
 
     def _protect(self) -> None:
         changed = False
@@ -256,18 +197,12 @@ class VirtualFeetechServos:
 
     def error(self, row: int) -> int:
         """Return the error byte: the state now."""
-        bits = self.injected[row] | (OVERLOAD if self._overloaded[row] else 0)
-        volts = round(self.volts[row] * 10)
-        if not self.get(row, "min_voltage_limit") <= volts <= self.get(row, "max_voltage_limit"):
-            bits |= 1
-        if self.celsius[row] > self.get(row, "temperature_limit"):
-            bits |= 4
-        return bits
+        return super().error(row) | (self.OVERLOAD if self._overloaded[row] else 0)
 
     def drive(self) -> None:
         """Let the motors follow the registers."""
         rows = range(len(self.maps))
-        on = np.array([self.get(row, "torque_enable") == 1 and self.listening_power(row) for row in rows])
+        on = np.array([self.get(row, "torque_enable") == 1 and self.is_powered(row) for row in rows])
         kind = np.array([self._mode(row) for row in rows])
         p = np.array([GAIN * self.get(row, "position_p_gain") * 4096.0 / self.turn[row] for row in rows])
         nothing = np.zeros(len(self.maps))
@@ -294,13 +229,6 @@ class VirtualFeetechServos:
             )
         )
         self._set_goals()
-
-    def _set_goals(self) -> None:
-        self.muscles.set_goals(np.array([self._goal(row) for row in range(len(self.maps))], np.float64))
-
-    def listening_power(self, row: int) -> bool:
-        """Return True if the servo has power and has booted."""
-        return self.boots_at[row] == inf
 
     def _mode(self, row: int) -> int:
         """Return the mode of the physics: position 3, velocity 1, PWM 16."""
@@ -329,29 +257,16 @@ class VirtualFeetechServos:
         """Return the share of the nominal voltage, at which the physics has the model's strength."""
         return self.volts[row] / self.specs[row].volts
 
-    def refresh(self) -> None:
-        """Write the present registers."""
-        places = [self.shown(row) for row in range(len(self.maps))]
-        if self.history is not None:
-            self.history.note(self.now, np.array(places))
-        for row, own in enumerate(self.maps):
-            kept = self.frozen[row]
-            self.put(row, "present_position", places[row] if kept is None else kept)
-            self.put(row, "present_velocity", round(float(self.muscles.velocity[row])))
-            self.put(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -1000, 1000))))
-            self.put(row, "present_input_voltage", round(self.volts[row] * 10))
-            self.put(row, "present_temperature", round(self.celsius[row]))
-            self.put(row, "hardware_error_status", self.error(row))
-            self.put(row, "moving", int(abs(float(self.muscles.velocity[row])) > 10))
-            if "present_current" in own:
-                self.put(row, "present_current", round(float(self.muscles.current[row]) * CURRENT))
+    def _drives(self, row: int) -> bool:
+        return self.get(row, "torque_enable") == 1
 
-    # ------------------------------------------------------------------------------- from outside
-
-    def reset(self, row: int, until: float) -> None:
-        """Off the bus, torque lost; back at `until` (s) with RAM defaults."""
-        self.boots_at[row] = until
-        self.drive()
+    def _show_motion(self, row: int, velocity: float) -> None:
+        self.put(row, "present_velocity", round(velocity))
+        self.put(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -1000, 1000))))
+        self.put(row, "hardware_error_status", self.error(row))
+        self.put(row, "moving", int(abs(velocity) > 10))
+        if "present_current" in self.maps[row]:
+            self.put(row, "present_current", round(float(self.muscles.current[row]) * CURRENT))
 
     def restore_factory(self, row: int) -> None:
         """Write the factory settings to EPROM; the id stays."""
@@ -359,37 +274,3 @@ class VirtualFeetechServos:
         self._make(row)
         self.ram[row][5] = self.eprom[row][5] = id
         self.drive()
-
-    def block(self, row: int, on: bool) -> None:
-        """Hold this shaft fast, or release it."""
-        self._blocked[row] = on
-        self.muscles.block(self._blocked)
-
-    def set_hand_position(self, row: int, place: float, speed: float) -> None:
-        """Move a limp shaft by hand to `place` (encoder counts; NaN: release it), counts/s."""
-        self._hand[row] = place
-        self._reach[row] = speed
-        self.muscles.set_hand_positions(self._hand, self._reach)
-
-    def truth(self, now: float) -> list[dict[str, object]]:
-        """Return the true state of each servo, with the same keys as that of other families."""
-        self.advance(now)
-        rows: list[dict[str, Any]] = []
-        for row, id in enumerate(self.ids()):
-            rows.append(
-                {
-                    "id": id,
-                    "position": float(self.muscles.position[row]) - self._shift[row],
-                    "encoder": float(self.muscles.position[row]),
-                    "velocity": float(self.muscles.velocity[row]),
-                    "goal": self.get(row, "goal_position"),
-                    "torque": self.get(row, "torque_enable") == 1 and self.listening_power(row),
-                    "watchdog": -1,
-                    "tripped": False,
-                    "listening": self.listening(row),
-                    "heard_ago": now - self.heard_at[row],
-                    "tripped_at": None,
-                    "trip_delay": None,
-                }
-            )
-        return rows

@@ -5,7 +5,6 @@ A family adds what its instructions do.
 
 from collections.abc import Sequence
 from itertools import accumulate
-from typing import Protocol
 
 from twind_drivers.half_duplex.checksum_packet import (
     BROADCAST,
@@ -15,40 +14,17 @@ from twind_drivers.half_duplex.checksum_packet import (
     instruction,
     is_sound,
 )
-from twind_drivers.virtual.checksum_bus_faults import ChecksumBusFaults, FaultableServos
-from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAdapter
-from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
+from twind_drivers.virtual.checksum_bus_faults import ChecksumBusFaults
+from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 from twind_drivers.virtual.virtual_sensor import VirtualSensor
+from twind_drivers.virtual.virtual_serial_line import VirtualSerialLine
+from twind_drivers.virtual.virtual_table_servos import VirtualTableServos
 
 PAUSE = 0.01  # s without bytes after which half a packet is forgotten; a loaded machine delivers pieces late
 
 
-class ChecksumServos(FaultableServos, Protocol):
-    """Virtual servos of one bus, as the bus uses them."""
-
-    heard_at: list[float]
-
-    def advance(self, now: float) -> None:
-        """Let time pass until `now`."""
-
-    def settle(self) -> None:
-        """Let the motors follow what was written since the last call."""
-
-    def listening(self, row: int) -> bool:
-        """Return True if the servo has power, is plugged in and has booted."""
-
-    def baud(self, row: int) -> int:
-        """Return the rate of a servo."""
-
-    def truth(self, now: float) -> list[dict[str, object]]:
-        """Return the true state of each servo."""
-
-    def stand_ins(self) -> dict[str, str]:
-        """Return the models without motor figures, and the one whose figures they have."""
-
-
-class ChecksumBus:
+class ChecksumBus(VirtualSerialLine):
     """m servos on one wire. Time (s) is an argument and never goes back."""
 
     kind: str
@@ -57,7 +33,7 @@ class ChecksumBus:
     def __init__(
         self,
         name: str,
-        servos: ChecksumServos,
+        servos: VirtualTableServos,
         *,
         baud: int,
         wire_timing: bool,
@@ -65,24 +41,12 @@ class ChecksumBus:
         adapter: SerialAdapter | None,
         seed: int,
     ) -> None:
-        self.name = name
+        super().__init__(name, baud, wire_timing=wire_timing, adapter=adapter, seed=seed)
         self._all = servos
-        self.wire = HalfDuplexWire(baud, timing=wire_timing)
-        self._stream = FaultyByteStream(self.wire, adapter or SerialAdapter(), seed)
         self.faults = self.FAULTS(name, servos, self.wire, self._stream)
         self.sensor: VirtualSensor | None = None  # an IMU speaks another protocol
         self._pending = bytearray()
         self._pending_at = now
-
-    @property
-    def is_plugged(self) -> bool:
-        """True if the adapter is plugged in."""
-        return self.faults.plugged
-
-    @property
-    def backlog(self) -> int:
-        """Bytes that a stalled adapter has taken and not sent."""
-        return len(self._stream.held)
 
     @property
     def history(self) -> ShownPositionLog | None:
@@ -104,11 +68,6 @@ class ChecksumBus:
     def skip_time(self, seconds: float) -> None:
         """Skip time in which the servos do not run: they have no clock of their own."""
 
-    def flush(self) -> None:
-        """Drop the bytes of the backlog: they are never sent."""
-        self._stream.held = b""
-        self._stream.look()
-
     def line(self, baud: int) -> None:
         """Set the host's port to `baud`. Raises ValueError for an invalid rate."""
         if baud <= 0:
@@ -118,18 +77,6 @@ class ChecksumBus:
     def advance(self, now: float) -> None:
         """Let time pass without traffic."""
         self._all.advance(now)
-
-    def next_output_time(self) -> float:
-        """Return when the next answer is complete, s; `inf`: none is under way."""
-        return self._stream.next_output_time() if self._stream.bent else self.wire.next_output_time()
-
-    def take(self, now: float) -> bytes:
-        """Return the bytes of the servos that have arrived by `now`."""
-        if not self._stream.bent:
-            return self.wire.take(now)
-        if self._stream.held:
-            self.receive(b"", now)
-        return self._stream.take(now)
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, sent at `now`."""

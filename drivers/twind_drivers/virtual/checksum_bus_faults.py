@@ -1,62 +1,22 @@
 """Faults of a virtual bus with the framing `FF FF`, by name: of replies, line, servos and their supply."""
 
-from typing import Protocol
-
 from twind_drivers.half_duplex.checksum_packet import instruction
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
-from twind_drivers.virtual.hinge import Hinge, ShaftGrip
+from twind_drivers.virtual.hinge import ShaftGrip
 from twind_drivers.virtual.serial_line_faults import SerialLineFaults
-from twind_drivers.virtual.servo_physics import ServoPhysics
 from twind_drivers.virtual.shaft_faults import ShaftFaults
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
+from twind_drivers.virtual.virtual_table_servos import VirtualTableServos
 
 NEVER = 1e18  # s: the end of a boot that waits for power
-
-
-class FaultableServos(Protocol):
-    """Virtual servos as their faults use them. Lists have one entry for each row."""
-
-    BOOT: float  # s from power-up to the first reply
-    now: float
-    muscles: ServoPhysics
-    history: ShownPositionLog | None
-    hinges: list[Hinge | None]
-    turn: list[float]
-    silenced: list[bool]
-    injected: list[int]
-    boots_at: list[float]
-    volts: list[float]
-    celsius: list[float]
-    frozen: list[int | None]
-
-    def ids(self) -> list[int]:
-        """Return the ids in the order of rows."""
-
-    def encoder(self, row: int, count: float) -> float:
-        """Return the encoder count at which the position register shows `count`."""
-
-    def set_hand_position(self, row: int, place: float, speed: float) -> None:
-        """Move a limp shaft by hand."""
-
-    def reset(self, row: int, until: float) -> None:
-        """Off the bus, torque lost; back at `until` (s)."""
-
-    def drive(self) -> None:
-        """Let the motors follow the registers."""
-
-    def block(self, row: int, on: bool) -> None:
-        """Hold this shaft fast, or release it."""
-
-    def shown(self, row: int) -> int:
-        """Return the count that the position register shows."""
 
 
 class ChecksumBusFaults(SerialLineFaults, ShaftFaults):
     """Faults of one bus. Each method is an order; the state of a servo outlasts `clear`."""
 
     def __init__(
-        self, bus: str, servos: FaultableServos, wire: HalfDuplexWire, stream: FaultyByteStream
+        self, bus: str, servos: VirtualTableServos, wire: HalfDuplexWire, stream: FaultyByteStream
     ) -> None:
         self._servos = servos
         hands = ShaftGrip(servos.hinges, servos.turn, servos.encoder, servos.set_hand_position)

@@ -23,9 +23,8 @@ from twind_drivers.dynamixel.packet import (
     status,
 )
 from twind_drivers.virtual.dynamixel_motor_figures import stand_in
-from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAdapter
+from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 from twind_drivers.virtual.group_read import FastSyncReadGroup, SyncReadGroup
-from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 from twind_drivers.virtual.instruction_set import InstructionReplies, InstructionSet, ServoStatus
 from twind_drivers.virtual.register_columns import NO_ID
 from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
@@ -33,6 +32,7 @@ from twind_drivers.virtual.servo_physics import ServoPhysics
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 from twind_drivers.virtual.uart_receiver import clash, misheard
 from twind_drivers.virtual.virtual_sensor import VirtualSensor
+from twind_drivers.virtual.virtual_serial_line import VirtualSerialLine
 from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec, VirtualServos
 
 REMEMBERED = 256  # requests
@@ -40,7 +40,7 @@ GOAL = np.dtype([("id", "u1"), ("ticks", "<i4")])  # one row of a sync write
 Group = SyncReadGroup | FastSyncReadGroup
 
 
-class VirtualBus:
+class VirtualBus(VirtualSerialLine):
     """m servos on one wire. Time (s) is an argument and never goes back."""
 
     kind = "dynamixel2"
@@ -62,14 +62,11 @@ class VirtualBus:
     ) -> None:
         """Make the bus; `baud`: of the line; a servo with another baud register receives and sends nothing.
 
-        `seed`: of the random faults; the same orders and bytes then give the same bytes.
         `made`: constructor of the servos, with the arguments of `VirtualServos`.
         `sensor`: a sensor on the bus.
         """
-        self.name = name
+        super().__init__(name, baud, wire_timing=wire_timing, adapter=adapter, seed=seed)
         self.servos = made(servos, muscles, now=now, keep_goal=keep_goal)
-        self.wire = HalfDuplexWire(baud, timing=wire_timing)
-        self._stream = FaultyByteStream(self.wire, adapter or SerialAdapter(), seed)
         self.sensor = sensor
         self.faults = SerialBusFaults(name, self.servos, self.wire, self._stream, sensor)
         self._framer = Framer(status=False, broken=True)
@@ -82,16 +79,6 @@ class VirtualBus:
         self.line(baud)
         for bits in range(5, 11):  # else the first long reply waits milliseconds for its CRC tables
             crc16(bytes(1 << bits))
-
-    @property
-    def is_plugged(self) -> bool:
-        """True if the adapter is plugged in."""
-        return self.faults.plugged
-
-    @property
-    def backlog(self) -> int:
-        """Bytes that a stalled adapter has taken and not sent."""
-        return len(self._stream.held)
 
     @property
     def history(self) -> ShownPositionLog | None:
@@ -116,11 +103,6 @@ class VirtualBus:
         """Skip time in which the servos do not run; their clock registers count it all the same."""
         self.servos.readings.origin -= seconds
 
-    def flush(self) -> None:
-        """Drop the bytes of the backlog: they are never sent."""
-        self._stream.held = b""
-        self._stream.look()
-
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, sent at `now`."""
         if self._stream.bent:
@@ -136,18 +118,6 @@ class VirtualBus:
             place += len(chunk)
         if self._stream.garbled and data:
             self._babel()
-
-    def next_output_time(self) -> float:
-        """Return when the next answer is complete, s; `inf`: none is under way."""
-        return self._stream.next_output_time() if self._stream.bent else self.wire.next_output_time()
-
-    def take(self, now: float) -> bytes:
-        """Return the bytes of the servos that have arrived by `now`."""
-        if not self._stream.bent:
-            return self.wire.take(now)
-        if self._stream.held:
-            self.receive(b"", now)
-        return self._stream.take(now)
 
     def advance(self, now: float) -> None:
         """Let time pass without traffic: muscles, watchdogs, boots."""

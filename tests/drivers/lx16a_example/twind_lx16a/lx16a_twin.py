@@ -20,13 +20,13 @@ from twind.virtual.virtual_twin import (
     VirtualTwin,
 )
 from twind_drivers.bus import IdentifiedDevice
-from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAdapter
-from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
+from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
 from twind_drivers.virtual.hinge import Hinge, ShaftGrip
 from twind_drivers.virtual.serial_line_faults import SerialLineFaults
 from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics
 from twind_drivers.virtual.servo_strength import DRY, VISCOUS, MotorStrength
 from twind_drivers.virtual.shaft_faults import ShaftFaults
+from twind_drivers.virtual.virtual_serial_line import VirtualSerialLine
 from twind_lx16a.lx16a_family import BAUD, LAST, MODEL, STALL, TURN
 from twind_lx16a.lx16a_packet import (
     HEADER,
@@ -122,7 +122,7 @@ class LxFaults(SerialLineFaults, ShaftFaults):
         self._bus.muscles.set_base_pose(base)
 
 
-class VirtualLxBus:
+class VirtualLxBus(VirtualSerialLine):
     """m servos on one wire (`ServableBus`). Time (s) is an argument and never goes back."""
 
     kind = "lx16a"
@@ -131,34 +131,21 @@ class VirtualLxBus:
 
     def __init__(self, name: str, specs: Sequence[LxServoSpec], muscles: Any, **line: Any) -> None:
         """Make the bus; `line`: `wire_timing`, `adapter`, `seed`, `now`."""
-        self.name = name
+        super().__init__(
+            name,
+            BAUD,
+            wire_timing=line.get("wire_timing", True),
+            adapter=line.get("adapter"),
+            seed=line.get("seed", 0),
+        )
         self.specs = tuple(specs)
         self.servos = [VirtualLxServo(each.id) for each in specs]
         self.muscles = muscles
         self.volts = VOLTS
-        self.wire = HalfDuplexWire(BAUD, timing=line.get("wire_timing", True))
-        self._stream = FaultyByteStream(
-            self.wire, line.get("adapter") or SerialAdapter(), line.get("seed", 0)
-        )
         self.faults = LxFaults(self, self._stream)
         self._pending = b""
         self._now = line.get("now", 0.0)
         self.drive()
-
-    @property
-    def is_plugged(self) -> bool:
-        """True if the adapter is plugged in."""
-        return self.faults.plugged
-
-    @property
-    def backlog(self) -> int:
-        """Bytes that a stalled adapter has taken and not sent."""
-        return len(self._stream.held)
-
-    def flush(self) -> None:
-        """Drop the bytes of the backlog."""
-        self._stream.held = b""
-        self._stream.look()
 
     def line(self, baud: int) -> None:
         """Set the host's port to `baud`: the servos know one rate alone."""
@@ -180,18 +167,6 @@ class VirtualLxBus:
         if now > self._now:
             self._now = now
             self.muscles.advance(now)
-
-    def next_output_time(self) -> float:
-        """Return when the next answer is complete, s."""
-        return self._stream.next_output_time() if self._stream.bent else self.wire.next_output_time()
-
-    def take(self, now: float) -> bytes:
-        """Return the bytes that have arrived at the host by `now`."""
-        if not self._stream.bent:
-            return self.wire.take(now)
-        if self._stream.held:
-            self.receive(b"", now)
-        return self._stream.take(now)
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, sent at `now`."""
