@@ -7,6 +7,8 @@ the pause of three bits between frames included. Each is counted with the most s
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from twind_drivers.wire_cycle_budget import WireCycleBudget
+
 # bits around the payload
 STANDARD = 47
 EXTENDED = 67
@@ -28,24 +30,11 @@ def frame_bits(size: int = 8, *, extended: bool = False, stuffed: bool = True) -
 
 
 @dataclass(frozen=True, slots=True)
-class CanCycleBudget:
-    """One bus's cycle at one rate. `lines` is the arithmetic, for people."""
+class CanCycleBudget(WireCycleBudget):
+    """One bus's cycle at one rate."""
 
     frames: float  # of a whole cycle
     bits: float
-    seconds: float
-    reachable_hz: float
-    lines: tuple[str, ...]
-
-    def refusal(self, rate_hz: float) -> str | None:
-        """Return the reason why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
-        if self.reachable_hz >= rate_hz:
-            return None
-        return (
-            f"{rate_hz:g} Hz leaves {1e6 / rate_hz:.0f} us a cycle, "
-            f"the bus needs {self.seconds * 1e6:.0f} us (up to {self.reachable_hz:.0f} Hz): "
-            + "; ".join(self.lines)
-        )
 
 
 def registers_at_once(bitrate: int, rate_hz: float) -> int:
@@ -83,7 +72,7 @@ def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> CanCycleB
     frames = frames + 2 * requested
     total = total + upkeep
     lines.append(f"together {total:.0f} bits at {bitrate} bit/s = {_us(total, bitrate)}")
-    return CanCycleBudget(frames, total, total / bitrate, _reachable(counts, bitrate), tuple(lines))
+    return CanCycleBudget(total / bitrate, _reachable(counts, bitrate), tuple(lines), frames, total)
 
 
 def _upkeep(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> float:

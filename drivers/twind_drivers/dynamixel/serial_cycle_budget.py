@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import ceil, floor
 
 from twind_drivers.half_duplex.pending_reply import wire
+from twind_drivers.wire_cycle_budget import WireCycleBudget
 
 CYCLIC = 10  # bytes read of each device every cycle: current or load 2, velocity 4, position 4
 GOAL = 4  # bytes written to each device every cycle
@@ -126,23 +127,10 @@ def _cut(groups: Sequence[int], turns: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class SerialCycleBudget:
-    """Budget of one bus's cycle. `lines`: the arithmetic, for display."""
+class SerialCycleBudget(WireCycleBudget):
+    """Budget of one serial bus's cycle."""
 
     bytes: int  # of a whole cycle: goals, request, replies, upkeep slice
-    seconds: float
-    reachable_hz: float
-    lines: tuple[str, ...]
-
-    def refusal(self, rate_hz: float) -> str | None:
-        """Return the reason why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
-        if self.reachable_hz >= rate_hz:
-            return None
-        return (
-            f"{rate_hz:g} Hz leaves {1e6 / rate_hz:.0f} us a cycle, "
-            f"the bus needs {self.seconds * 1e6:.0f} us ({self.reachable_hz:.0f} Hz): "
-            + "; ".join(self.lines)
-        )
 
 
 def budget(
@@ -199,4 +187,4 @@ def sum_up(
     if usb_s:
         lines.append(f"adapter: {usb_s * 1e6:.0f} us")
     lines.append(f"together {total} bytes at {baud} baud = {seconds * 1e6:.0f} us")
-    return SerialCycleBudget(total, seconds, 1.0 / seconds, tuple(lines))
+    return SerialCycleBudget(seconds, 1.0 / seconds, tuple(lines), total)
