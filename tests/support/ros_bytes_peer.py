@@ -1,18 +1,16 @@
-"""A ROS node over Zenoh for tests of the bridge as a whole: `python ros_bytes_peer.py ENDPOINT`.
+"""A ROS node over Zenoh for tests of the bridge as a whole. Its argument: the endpoint.
 
 It joins by twind's own Zenoh session, in a process of its own; peers that share no code with it are in
-`ros_zenoh_peer.py`. One order a line of standard input, one answer a line of standard output, JSON.
+`ros_zenoh_peer.py`.
 """
 
-import json
-import subprocess
 import sys
 import threading
 from collections import deque
 from dataclasses import replace
-from types import TracebackType
 from typing import Any
 
+from tests.support.json_line_process import JsonLineProcess, obey
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import TOPICS, RosTopic
 from twind.bridge.ros.zenoh import ZenohTransport
@@ -21,40 +19,11 @@ from twind.ros import decode, encode
 THEIRS = {topic.name: replace(topic, out=not topic.out) for topic in TOPICS}  # as a peer has them
 
 
-class Peer:
+class Peer(JsonLineProcess):
     """The process, asked from a test."""
 
     def __init__(self, endpoint: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, __file__, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def ask(self, do: str, **parameters: Any) -> Any:
-        """Its answer. AssertionError: it failed or ended."""
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self.process.stdin.write(json.dumps({"do": do, **parameters}) + "\n")
-        self.process.stdin.flush()
-        line = self.process.stdout.readline()
-        assert line, f"the peer ended at {do}: {self.process.poll()}"
-        answer = json.loads(line)
-        assert "error" not in answer, answer["error"]
-        return answer["answer"]
-
-    def signal(self, number: int) -> None:
-        """Stop it, let it go on, kill it."""
-        self.process.send_signal(number)
-
-    def __enter__(self) -> "Peer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.process.kill()
-        self.process.wait(10)
-        for pipe in (self.process.stdin, self.process.stdout):
-            assert pipe is not None
-            pipe.close()
+        super().__init__(__name__, endpoint)
 
 
 class Node:
@@ -96,17 +65,5 @@ class Node:
         self._heard[topic.name].append(data)
 
 
-def main(endpoint: str) -> None:
-    """Obey until standard input ends."""
-    node = Node(endpoint)
-    for line in sys.stdin:
-        order = json.loads(line)
-        try:
-            answer = {"answer": getattr(node, order.pop("do"))(**order)}
-        except Exception as error:
-            answer = {"error": f"{type(error).__name__}: {error}"}
-        print(json.dumps(answer), flush=True)
-
-
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    obey(Node(sys.argv[1]))

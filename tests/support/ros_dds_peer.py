@@ -1,15 +1,13 @@
-"""A ROS node over DDS that shares no code with ours: `python ros_dds_peer.py DOMAIN`, cyclonedds' own types.
+"""A ROS node over DDS that shares no code with ours, with types of cyclonedds. Its argument: the domain.
 
-One order a line of standard input, one answer a line of standard output, JSON. It ends with its input. It is
-on 127.0.0.1 alone, without multicast.
+It ends with its input. It is on 127.0.0.1 alone, without multicast.
 """
 
-import json
 import os
-import subprocess
 import sys
-from types import TracebackType
 from typing import Any
+
+from tests.support.json_line_process import JsonLineProcess, obey
 
 CONFIG = (
     '<CycloneDDS><Domain id="any"><General><AllowMulticast>false</AllowMulticast><Interfaces>'
@@ -19,44 +17,11 @@ CONFIG = (
 )
 
 
-class Peer:
+class Peer(JsonLineProcess):
     """The process, asked from a test."""
 
     def __init__(self, domain: int) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, __file__, str(domain)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "CYCLONEDDS_URI": CONFIG},
-        )
-
-    def ask(self, do: str, **parameters: Any) -> Any:
-        """Reply to a question. Raises AssertionError where there is none."""
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self.process.stdin.write(json.dumps({"do": do, **parameters}) + "\n")
-        self.process.stdin.flush()
-        line = self.process.stdout.readline()
-        assert line, f"the peer ended at {do}: {self.process.poll()}"
-        answer = json.loads(line)
-        assert "error" not in answer, answer["error"]
-        return answer["answer"]
-
-    def signal(self, number: int) -> None:
-        """Stop it, let it go on, kill it."""
-        self.process.send_signal(number)
-
-    def __enter__(self) -> "Peer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.process.kill()
-        self.process.wait(10)
-        for pipe in (self.process.stdin, self.process.stdout):
-            assert pipe is not None
-            pipe.close()
+        super().__init__(__name__, str(domain), environment={**os.environ, "CYCLONEDDS_URI": CONFIG})
 
 
 class Node:
@@ -165,17 +130,5 @@ def types() -> dict[str, Any]:
     return {each.__name__: each for each in (Time, Header, JointState, JointTrajectory, String)}
 
 
-def main() -> None:
-    """Do what each line asks for."""
-    node = Node(int(sys.argv[1]))
-    for line in sys.stdin:
-        order = json.loads(line)
-        try:
-            answer = {"answer": getattr(node, order.pop("do"))(**order)}
-        except Exception as error:
-            answer = {"error": f"{type(error).__name__}: {error}"}
-        print(json.dumps(answer), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    obey(Node(int(sys.argv[1])))

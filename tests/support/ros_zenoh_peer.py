@@ -1,15 +1,14 @@
-"""A ROS node over Zenoh that shares no code with ours: `python ros_zenoh_peer.py PORT`, zenoh-ros2-sdk alone.
+"""A ROS node over Zenoh that shares no code with ours: zenoh-ros2-sdk alone. Its argument: the port.
 
-One order a line of standard input, one answer a line of standard output, JSON. It ends with its input.
+It ends with its input.
 Definitions and hashes are rosbags', hashes of services those that ROS itself gives: it clones nothing.
 """
 
-import json
-import subprocess
 import sys
 import time
-from types import TracebackType
 from typing import Any
+
+from tests.support.json_line_process import JsonLineProcess, obey
 
 HASHES = {
     "std_srvs/srv/Trigger": "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
@@ -22,41 +21,11 @@ REQUESTS = {
 RESPONSE = "bool success\nstring message"
 
 
-class Peer:
+class Peer(JsonLineProcess):
     """The process, asked from a test."""
 
     def __init__(self, endpoint: str) -> None:
-        port = endpoint.rpartition(":")[2]
-        self._process = subprocess.Popen(
-            [sys.executable, __file__, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def ask(self, do: str, **parameters: Any) -> Any:
-        """Reply to a question. Raises AssertionError where there is none."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(json.dumps({"do": do, **parameters}) + "\n")
-        self._process.stdin.flush()
-        line = self._process.stdout.readline()
-        assert line, f"the peer ended at {do}: {self._process.poll()}"
-        answer = json.loads(line)
-        assert "error" not in answer, answer["error"]
-        return answer["answer"]
-
-    def signal(self, number: int) -> None:
-        """Stop it, kill it."""
-        self._process.send_signal(number)
-
-    def __enter__(self) -> "Peer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._process.kill()
-        self._process.wait(10)
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            pipe.close()
+        super().__init__(__name__, endpoint.rpartition(":")[2])
 
 
 class Node:
@@ -222,17 +191,5 @@ def plain(value: Any) -> Any:
     return [plain(each) for each in value] if isinstance(value, list) else value
 
 
-def main(port: str) -> None:
-    """Obey until standard input ends."""
-    node = Node(int(port))
-    for line in sys.stdin:
-        order = json.loads(line)
-        try:
-            answer = {"answer": getattr(node, order.pop("do"))(**order)}
-        except Exception as error:
-            answer = {"error": repr(error)}
-        print(json.dumps(answer), flush=True)
-
-
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    obey(Node(int(sys.argv[1])))

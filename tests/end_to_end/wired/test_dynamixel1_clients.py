@@ -3,13 +3,12 @@
 dynamixel-sdk 4.1 and rustypot 1.13. Faults of theirs that a test must step around stand beside it: `CLIENT:`.
 """
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.support.bench_servos import bench_servos
 from tests.support.processes import until
 
 BAUD = 1_000_000
@@ -25,15 +24,8 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The port of a running `twind-virtual` with three MX-28 and two AX-12A."""
     folder = tmp_path_factory.mktemp("clients")
     servos = [f"main:{id}:MX-28(1.0):36" for id in MX] + [f"main:{id}:AX-12A" for id in AX]
-    command = [sys.executable, "-m", "twind.virtual", "--link", str(folder), "--baud", str(BAUD)]
-    command += [part for servo in servos for part in ("--servo", servo)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        while process.stdout.readline().strip() != b"ready":
-            assert process.poll() is None
-        yield folder / "main"
-        process.communicate()
-    assert process.returncode == 0
+    with bench_servos(folder, BAUD, servos) as port:
+        yield port
 
 
 @pytest.fixture

@@ -4,13 +4,12 @@ feetech-servo-sdk 1.0.0 and rustypot 1.13. Their own faults that a test must ste
 `CLIENT:`.
 """
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.support.bench_servos import bench_servos
 from tests.support.processes import until
 
 BAUD = 1_000_000
@@ -26,15 +25,8 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The port of a running `twind-virtual` with six STS3215 and an SCS0009."""
     folder = tmp_path_factory.mktemp("clients")
     servos = [f"main:{id}:STS3215:3.10" for id in STS] + [f"main:{SCS}:SCS0009"]
-    command = [sys.executable, "-m", "twind.virtual", "--link", str(folder), "--baud", str(BAUD)]
-    command += [part for servo in servos for part in ("--servo", servo)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        while process.stdout.readline().strip() != b"ready":
-            assert process.poll() is None
-        yield folder / "main"
-        process.communicate()
-    assert process.returncode == 0
+    with bench_servos(folder, BAUD, servos) as port:
+        yield port
 
 
 @pytest.fixture

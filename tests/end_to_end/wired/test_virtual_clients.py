@@ -4,8 +4,6 @@ dynamixel-sdk 4.1.0 and rustypot. The SDK's own faults (measured on 4.1.0) that 
 beside it as `SDK:`. Two clients that agree with the servos prove the bytes; the rules have their own tests.
 """
 
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +11,7 @@ from pathlib import Path
 import dynamixel_sdk as sdk
 import pytest
 
+from tests.support.bench_servos import bench_servos
 from tests.support.processes import until
 from twind_drivers.dynamixel.packet import Instruction
 
@@ -40,15 +39,8 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("clients")
     servos = [f"main:{id}:XM430-W350:47" for id in (*XM, *SPARE.values())]
     servos += [f"main:{XL}:XL330-M288:52", f"main:{PH}:PH54-100-S500:12"]
-    command = [sys.executable, "-m", "twind.virtual", "--link", str(folder), "--baud", str(BAUD)]
-    command += ["--return-delay", "0", *(part for servo in servos for part in ("--servo", servo))]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        while process.stdout.readline().strip() != b"ready":
-            assert process.poll() is None
-        yield folder / "main"
-        process.communicate()
-    assert process.returncode == 0
+    with bench_servos(folder, BAUD, servos, "--return-delay", "0") as port:
+        yield port
 
 
 # ---------------------------------------------------------------------- dynamixel-sdk
