@@ -18,7 +18,7 @@ from twind.config.driver_family import family
 from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.exceptions import InvalidInput, OperationFailed
+from twind.exceptions import InvalidInput, OperationFailed, TwindError
 from twind.flight import copy
 from twind.front import reserved_descriptors
 from twind.front.flight_folder import FAILSAFE, FlightFolder, meta_of, plain
@@ -110,18 +110,20 @@ def main(arguments: list[str] | None = None) -> int:
     stand_in_for_closed()
     faulthandler.enable(2)
     options = parser().parse_args(arguments)
+    code, why = FAILED, ""
     try:
         with ExitStack() as stack:
-            return _lower(options, stack) if options.failsafe else _serve(options, stack)
+            code = _lower(options, stack) if options.failsafe else _serve(options, stack)
     except (ConfigError, InvalidInput) as error:
-        code = USAGE
-        why = str(error)
+        code, why = USAGE, f"twind: {error}"
     except (PortError, OperationFailed) as error:
         in_use = isinstance(error, PortError) and error.kind is PortErrorCause.IN_USE
-        code = TAKEN if options.failsafe and in_use else FAILED
-        why = str(error)
-    left = f"\ntwind --failsafe: {LEFT}" if options.failsafe and code != TAKEN else ""
-    print(lines(2, "error", f"twind: {why}{left}"), file=sys.stderr)
+        code, why = TAKEN if options.failsafe and in_use else FAILED, f"twind: {error}"
+    finally:  # also before the traceback of a defect
+        if options.failsafe and code not in (0, TAKEN):
+            why = f"{why}\ntwind --failsafe: {LEFT}".lstrip()
+        if why:
+            print(lines(2, "error", why), file=sys.stderr)
     return code
 
 
@@ -217,15 +219,11 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     loop.reports.event("info", EventCode.START, f"twind {__version__} --failsafe, {start_text(loop)}")
+    if recorder is not None:  # also after an exception
+        stack.callback(save_failsafe_recording, described, one, recorder, mode)
+    stack.callback(loop.close)
     failsafe.begin()
-    try:
-        run_loop(loop)
-    finally:
-        loop.close()
-    if failsafe.left:
-        print(lines(2, "error", f"twind --failsafe: {LEFT}"), file=sys.stderr)
-    if recorder is not None:
-        save_failsafe_recording(described, one, recorder, loop.condition.mode.value)
+    run_loop(loop)
     return FAILED if failsafe.left else 0
 
 
@@ -299,13 +297,13 @@ def _loop(
 def run_loop(loop: Loop) -> None:
     """Run the loop until it ends.
 
-    An InvalidInput of a running loop is a defect and no wrong setting. It must not end the process with exit
-    code 2, after which the service manager does not restart it.
+    An error of a running loop is a defect, no wrong setting and no port in use. It must not end the process
+    with their exit codes: after 2 the service manager does not restart it.
     """
     _kept = realtime.touch_reserve()
     try:
         loop.run()
-    except InvalidInput as error:
+    except TwindError as error:
         raise RuntimeError(f"defect in the loop: {error}") from error
 
 

@@ -69,6 +69,13 @@ class NoReply(BusError):
         self.waited = waited
         self.what = what
 
+    def joined(self, earlier: "NoReply | None") -> "NoReply":
+        """Return one error for the devices of `earlier` and of this one; None: there are none before."""
+        if earlier is None:
+            return self
+        what = earlier.what if self.what in earlier.what else f"{earlier.what} or {self.what}"
+        return NoReply(self.port, (*earlier.ids, *self.ids), earlier.waited + self.waited, what)
+
 
 class DeviceRefused(BusError):
     """Device that reported an error, or holds another value than was written."""

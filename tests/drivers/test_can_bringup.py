@@ -122,7 +122,7 @@ def test_a_silent_actuator_stays_barred_if_it_was(barred: list[bool]) -> None:
     assert rig.reader.cyclic.barred.tolist() == [False, barred[1]]
 
 
-def test_the_first_actuator_to_be_missed_is_reported_when_more_follow() -> None:
+def test_each_actuator_that_is_missed_is_reported() -> None:
     rig = CanRig((AK, AK, AK), watchdog=False)
     rig.registers.fault[:] = 0, 3, 3
     script = rig.writer.prepare(np.zeros(3, np.int64))
@@ -131,7 +131,18 @@ def test_the_first_actuator_to_be_missed_is_reported_when_more_follow() -> None:
         script.send(report(2))
     with pytest.raises(NoReply) as missing:
         to_its_end(script, report())
-    assert missing.value.ids == (3,)
+    assert missing.value.ids == (3, 2)
+
+
+def test_of_silent_actuators_those_of_every_family_are_named() -> None:
+    """They are asked family by family; whoever mends them learns of all at once."""
+    rig = CanRig(("RS01", "DM4310", "DM4310"))
+    here = rig.positions()
+    for id in (1, 2):
+        rig.faults.silence(id)
+    with pytest.raises(NoReply, match=r"no reply to read of \w+ or read of \w+ from \[1, 2\]") as missing:
+        rig.beside(rig.writer.prepare(here))
+    assert missing.value.ids == (1, 2)
 
 
 # ------------------------------------------------------------------------------------- damping

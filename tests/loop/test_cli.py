@@ -19,6 +19,7 @@ from twind.exceptions import InvalidInput, OperationFailed, TwindError
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind.virtual.virtual_robot_spec import make_spec, save
+from twind_drivers.bus import PortError, PortErrorCause
 
 TWO = ["legs", "arms"]
 
@@ -306,6 +307,42 @@ def test_the_fail_safe_report_is_written_without_realtime_and_its_failure_ends_n
     assert "could not be written down: UnicodeEncodeError" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("where", ["describe", "run_loop"])
+def test_a_fail_safe_that_ends_by_an_exception_says_how_the_robot_is_left(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], where: str
+) -> None:
+    """Its recording is written before it ends."""
+    done: list[str] = []
+
+    def broken(*_: Any) -> None:
+        raise ZeroDivisionError("a defect")
+
+    loop: Any = SimpleNamespace(
+        condition=SimpleNamespace(mode=Mode.LIVE),
+        commands=SimpleNamespace(release=None),
+        identity=None,
+        reports=SimpleNamespace(event=lambda *_: None),
+        procedures=SimpleNamespace(beside=lambda _: None),
+        parts=SimpleNamespace(period=0.01),
+        hardware=SimpleNamespace(ports=[]),
+        close=lambda: done.append("close"),
+    )
+    described = SimpleNamespace(
+        settings=SimpleNamespace(mode="live"), ports={"main": "/dev/x"}, robot=None, rate_hz=100.0
+    )
+    monkeypatch.setattr(cli.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(cli, "describe", lambda _: described)
+    monkeypatch.setattr(cli, "_made", lambda _: (None, SimpleNamespace(refuse_taken=lambda: None)))
+    monkeypatch.setattr(cli.bus_tap, "recorder", lambda *_: SimpleNamespace(link=None))
+    monkeypatch.setattr(cli, "_loop", lambda *_: loop)
+    monkeypatch.setattr(cli, "save_failsafe_recording", lambda *_: done.append("save"))
+    monkeypatch.setattr(cli, where, broken)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["--failsafe"])
+    assert "support it and switch its power off" in capfd.readouterr().err
+    assert done == (["close", "save"] if where == "run_loop" else [])
+
+
 def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         cli.main(["--version"])
@@ -344,12 +381,16 @@ def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_al
     assert ConfigSources(config=str(etc / "arm.yaml")).settings().socket_dir == tmp_path / "run" / "twind"
 
 
-def test_invalid_input_of_a_running_loop_is_a_defect_and_not_a_usage_error() -> None:
+@pytest.mark.parametrize(
+    "error",
+    [InvalidInput("a defect"), PortError("main", "a defect", PortErrorCause.IN_USE)],
+)
+def test_an_error_of_a_running_loop_is_a_defect_and_not_one_of_usage_or_of_a_port(error: TwindError) -> None:
     def run() -> None:
-        raise InvalidInput("no such register")
+        raise error
 
     loop: Any = SimpleNamespace(run=run)
-    with pytest.raises(RuntimeError, match="no such register") as failed:
+    with pytest.raises(RuntimeError, match="a defect") as failed:
         cli.run_loop(loop)
     assert not isinstance(failed.value, TwindError)
 

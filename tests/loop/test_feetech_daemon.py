@@ -211,6 +211,28 @@ def test_arming_warns_of_each_joint_without_a_watchdog(make_rig: MakeRig) -> Non
     assert "if the daemon dies, it drives on to its last goal" in warned[0]["message"]
 
 
+@pytest.mark.parametrize("stalls", [(0.095,), (0.061, 0.06)])
+def test_a_reply_lost_while_the_daemon_stood_still_is_no_silence_of_a_servo(
+    make_rig: MakeRig, stalls: tuple[float, ...]
+) -> None:
+    """No goal left meanwhile that it could have missed; the motion is held, and may go on at once."""
+    rig: Rig = make_rig(ARM)
+    rig.arm()
+    rig.submit(rig.path("wrist_roll", [0.5, 0.5], [1.0, 2.0]))
+    rig.seconds(0.5)
+    for stall in stalls:
+        rig.clock.sleep_until(rig.clock.now() + stall)
+        rig.virtual["main"].faults.silence(3, on=stall == stalls[0])
+        rig.ticks(1)
+    rig.virtual["main"].faults.clear()
+    rig.seconds(0.5)
+    assert not rig.loop.condition.latches
+    rig.lease()
+    ticket = rig.submit(rig.path("wrist_roll", [0.5], [1.0]))
+    rig.ticks(5)
+    assert rig.replies(ticket)[-1].parameters["phase"] == "accepted"
+
+
 def test_a_joint_that_gets_no_goals_since_its_torque_once_read_off_is_latched(make_rig: MakeRig) -> None:
     """It would stand still while the robot counts as armed, and be released where it stands."""
     rig: Rig = make_rig(ARM)

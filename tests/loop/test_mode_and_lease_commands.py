@@ -69,6 +69,15 @@ def test_with_torque_only_the_change_from_mirror_to_live_is_allowed(
         ]
 
 
+def test_mode_live_is_kept_while_torque_of_a_lost_bus_may_be_on(rig: CommandRig) -> None:
+    rig.hardware.away[:] = True
+    rig.torque.lose_bus(rig.hardware.away)
+    [finding] = rig.call(link.SetMode, mode="sim").parameters["findings"]
+    assert finding.code == ReasonCode.MODE_DENIES and "restart the daemon" in finding.message
+    assert rig.entered == []
+    assert rig.call(link.SetMode, mode="live").error is None
+
+
 def test_a_mode_that_the_state_denies_is_refused_for_that(rig: CommandRig) -> None:
     rig.hold()
     [finding] = rig.call(link.SetMode, mode="sim").parameters["findings"]

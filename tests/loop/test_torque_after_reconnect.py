@@ -86,6 +86,40 @@ def test_an_estop_while_the_bus_is_away_is_carried_out_when_it_comes_back(armed:
     assert torque_off(armed.loop) is True
 
 
+@pytest.mark.parametrize("mode", ["mirror", "sim"])
+@pytest.mark.parametrize("reset", [True, False])
+def test_mode_live_is_not_left_while_torque_of_a_lost_bus_is_not_read_off(
+    armed: Rig, mode: str, reset: bool
+) -> None:
+    """In another mode nothing switches it off, and in mode sim nothing even reads it."""
+    armed.virtual["main"].faults.unplug()
+    armed.ticks(20)
+    if reset:
+        assert armed.call(link.Reset).error is None
+    [finding] = armed.call(link.SetMode, mode=mode).parameters["findings"]
+    assert finding["code"] == "MODE_DENIES" and "was lost" in finding["message"]
+    armed.virtual["main"].faults.replug()
+    armed.seconds(2.0)
+    assert on(armed).all()
+    assert armed.call(link.SetMode, mode=mode).error == "Refused"
+    assert armed.call(link.Disarm, ticks=1000).error is None
+    if not reset:
+        assert armed.call(link.Reset).error is None
+    assert armed.call(link.SetMode, mode=mode).error is None
+
+
+def test_a_lost_bus_whose_servos_come_back_without_torque_does_not_hold_the_mode(armed: Rig) -> None:
+    bus = armed.virtual["main"]
+    bus.faults.unplug()
+    armed.ticks(20)
+    for id in bus.servos["id"]:
+        bus.faults.brown_out(int(id))
+    bus.faults.replug()
+    armed.seconds(2.0)
+    assert armed.call(link.Reset).error is None
+    assert armed.call(link.SetMode, mode="sim").error is None
+
+
 def test_sigterm_waits_for_a_bus_that_went_away_with_our_torque(armed: Rig) -> None:
     armed.virtual["main"].faults.unplug()
     armed.ticks(10)

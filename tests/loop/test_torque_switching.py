@@ -224,6 +224,34 @@ def test_torque_is_off_only_when_every_servo_says_so(
     assert torque_readback.torque_off(rig) is (False if off is False else None)
 
 
+@pytest.mark.parametrize(
+    ("torque", "away", "denied"),
+    [(1, False, "torque is on"), (-1, False, "torque is on"), (0, False, ""), (-1, True, "a bus was lost")],
+)
+@pytest.mark.parametrize("ordered_off", [True, False])
+def test_another_mode_waits_until_torque_of_this_daemon_reads_off(
+    rig: ProcedureRig, torque: int, away: bool, denied: str, ordered_off: bool
+) -> None:
+    rig.torque.lose_every_bus()
+    rig.hardware.slow.torque[:] = torque
+    rig.hardware.away[:] = away
+    if away and ordered_off:
+        rig.torque.begin_release()
+        rig.torque.leave_unconfirmed()
+    elif away:
+        rig.torque.lose_bus(np.ones(3, np.bool_))
+    found = torque_readback.torque_denial(rig)
+    assert ("" if found is None else found.message[: len(denied)]) == denied
+    assert found is None or found.code == "MODE_DENIES"
+
+
+def test_torque_on_a_closed_bus_that_is_not_of_this_daemon_holds_no_mode(rig: ProcedureRig) -> None:
+    rig.torque.lose_every_bus()
+    rig.hardware.slow.torque[:] = -1
+    rig.hardware.away[:] = True
+    assert torque_readback.torque_denial(rig) is None
+
+
 # --------------------------------------------------------------------------------------------- damping
 
 

@@ -25,7 +25,8 @@ from twind.config.robot_file import load_robot
 T = TypeVar("T")
 # What a machine with too little time for daemon and virtual servos makes of a bus (docs/safety.md): nobody
 # arms or moves while it is so, and a second after. Whoever uses the robot then asks again; so do the tests.
-BUSY = frozenset({"BUS_ERRORS", "LOOP_LATE", "STATE_STALE", "LATENCY_BLOCK", "TIME_GAP"})
+# A servo that is silent for 0.1 s, or hears nothing for so long, trips its watchdog or the driver's.
+BUSY = frozenset({"BUS_ERRORS", "LOOP_LATE", "STATE_STALE", "LATENCY_BLOCK", "TIME_GAP", "WATCHDOG_TRIPPED"})
 LATCHED = frozenset({"FAULT_LATCHED", "NOT_ARMED"})  # what such a thing leaves behind where it was bad enough
 PATIENCE = 30.0  # s that a machine may be too busy
 

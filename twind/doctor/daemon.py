@@ -24,7 +24,6 @@ from twind.doctor.inspectors import PATIENCE
 from twind.exceptions import OperationFailed
 from twind.listening_sockets import GROUPS, NAMES
 from twind.protocol.messages import FindingMessage
-from twind.protocol.socket_paths import SYSTEM
 from twind.version import __version__
 
 MISSED = 0.01  # share of all ticks; a loop that a debugger stopped once stays below it
@@ -67,7 +66,7 @@ ROWS = (
         "SOCKET_GROUP",
         "a socket has the wrong group",
         "members of twind-operator (twind-observe) cannot use it, or others can",
-        "`sudo groupadd -rf twind-operator`, `sudo chgrp twind-operator /run/twind/control.sock`",
+        "`sudo chgrp twind-operator /run/twind/control.sock`",
         Severity.WARNING,
         caution="members of that group may arm and move the robot: check them",
         explains=("DAEMON_DENIED",),
@@ -197,19 +196,16 @@ def _open_to_all(path: Path, found: os.stat_result, mode: int, command: str) -> 
 def _group(path: Path, found: os.stat_result, wanted: str) -> Iterator[DoctorFinding]:
     """SOCKET_GROUP of a daemon that could have given its socket to the group: root, or a member."""
     gid = service.group_id(wanted)
-    if gid == found.st_gid:
-        return
+    if gid is None or gid == found.st_gid:
+        return  # without the service's groups it is its owner's alone
     owner = service.account_of_service(service.user_name(found.st_uid), "")
-    if gid is None and str(path.parent) != SYSTEM:
-        return  # a daemon of one user, on a machine without the service's groups
-    if gid is not None and owner.uid != 0 and gid not in owner.gids:
+    if owner.uid != 0 and gid not in owner.gids:
         return  # it has no right to give it to that group
-    make = f"sudo groupadd -rf {wanted}\n" if gid is None else ""
     fix = None
-    if gid is not None and os.geteuid() in (0, found.st_uid):
+    if os.geteuid() in (0, found.st_uid):
         fix = Fix(f"give it to group {wanted}", lambda: os.chown(path, -1, gid))
     has = f"group {service.group_name(found.st_gid)}"
-    command = f"{make}sudo chgrp {wanted} {path}"
+    command = f"sudo chgrp {wanted} {path}"
     yield DoctorFinding("SOCKET_GROUP", str(path), has, wanted, command, fix)
 
 

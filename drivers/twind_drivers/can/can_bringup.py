@@ -60,7 +60,7 @@ def prepare(
             yield from _prepared(own, ticks, required, limits, there)
             break
         except NoReply as error:
-            silent = silent or error
+            silent = error.joined(silent)
             there = there & ~own.rows(dict.fromkeys(error.ids))
             own.soft |= soft & ~there
             own.cyclic.barred = own.cyclic.barred | (barred & ~there)

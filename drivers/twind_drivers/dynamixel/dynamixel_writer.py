@@ -200,7 +200,7 @@ class DynamixelWriter:
                 yield from self._prepared(there, goal)
                 break
             except NoReply as error:
-                silent = silent or error
+                silent = error.joined(silent)
                 there = tuple(servo for servo in there if servo.id not in error.ids)
         if silent is not None:
             raise silent.with_traceback(None)

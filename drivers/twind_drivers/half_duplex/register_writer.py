@@ -160,12 +160,12 @@ class RegisterWriter:
                 self._soft.difference_update(there)
                 break
             except NoReply as error:
-                silent = silent or error
+                silent = error.joined(silent)
                 there = [id for id in there if id not in error.ids]
             except DeviceRefused as error:
                 if not self._on[self._index[error.id]]:
                     raise
-                silent = silent or NoReply(self._name, (error.id,), 0.0, f"preparation ({error})")
+                silent = NoReply(self._name, (error.id,), 0.0, f"preparation ({error})").joined(silent)
                 there = [id for id in there if id != error.id]
         if silent is not None:
             raise silent.with_traceback(None)

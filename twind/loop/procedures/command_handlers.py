@@ -25,7 +25,7 @@ from twind.loop.procedures.mode_entry import ModeEntry
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Ending, Priority, Procedure
 from twind.loop.procedures.reload_coordinator import ReloadCoordinator
-from twind.loop.procedures.torque_readback import torque_on, torque_possible
+from twind.loop.procedures.torque_readback import torque_denial, torque_on
 from twind.loop.procedures.torque_release import STOPS, TorqueRelease
 from twind.loop.procedures.trajectory_submissions import TrajectorySubmissions
 from twind.loop.tick.loop_figures import LoopFigures
@@ -203,13 +203,8 @@ class CommandHandlers:
         )
         # where torque that was found on can be switched off
         to_live = context.condition.mode is Mode.MIRROR and wanted is Mode.LIVE
-        if (
-            refusal is None
-            and torque_possible(context)
-            and wanted is not context.condition.mode
-            and not to_live
-        ):
-            refusal = Finding(ReasonCode.MODE_DENIES, message="torque is on: disarm first")
+        if refusal is None and wanted is not context.condition.mode and not to_live:
+            refusal = torque_denial(context)
         if refusal is None and wanted is Mode.LIVE:
             refusal = self._parts.live_denied
         if refusal is not None:

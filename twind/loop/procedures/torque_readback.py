@@ -7,10 +7,15 @@ from numpy.typing import NDArray
 
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.robot.arrays import Bools
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 
 REPLIED = 0.1  # s since the last reading of a servo that replies
 GONE = 0.5  # s without a reading after which a servo's torque counts as unknown
+LOST = (
+    "a bus was lost with torque on, which has not read off since: connect it, then disarm; if it stays away, "
+    "restart the daemon"
+)
 
 
 def torque_known(context: ProcedureContext) -> NDArray[np.int8]:
@@ -69,3 +74,12 @@ def torque_off(context: ProcedureContext) -> bool | None:
     if context.torque.energising or bool((torque == 1).any()):
         return False
     return True if context.condition.mode is not Mode.SIM and bool((torque == 0).all()) else None
+
+
+def torque_denial(context: ProcedureContext) -> Finding | None:
+    """Return why torque forbids another mode; None: it is off, or on a closed bus and not of this daemon."""
+    if torque_possible(context):
+        return Finding(ReasonCode.MODE_DENIES, message="torque is on: disarm first")
+    if context.torque.unconfirmed or context.torque.pending_restore:  # no other mode would switch it off
+        return Finding(ReasonCode.MODE_DENIES, message=LOST)
+    return None
