@@ -89,11 +89,12 @@ class HalfDuplexTransactor:
         self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; reset likewise
         self._sensor_read = False  # the last transaction read a sensor
         self.echo = False
+        self._echoes = False  # `echo`, when the last transaction began
         self.exchange: SerialTransaction | None = None
         self._done = True
         self._busy = -inf  # s, time until which sent bytes are on the wire
-        self._out: tuple[bytes, bytes] = (b"", b"")  # bytes sent last: lead, request
-        self._echoed = bytearray()  # of those, the bytes returned by an echo
+        self._out: list[bytes] = [b""]  # bytes of each write of the last transaction; its first has the lead
+        self._echoed = bytearray()  # of the last write, the bytes returned by an echo
         self.late_replies = LateReplies()
         self._late = bytearray()
 
@@ -138,16 +139,17 @@ class HalfDuplexTransactor:
         self.exchange = exchange
         self._done = exchange.reply is None
         self.sent = now
-        self._out = (lead, exchange.packet)
+        self._out = [lead + exchange.packet]
         self._sent_after = 0
         self._passed = 0
+        self._echoes = self.echo
         if self.echo:
             self._echoed.clear()
         if lead and not self.one_write:
             self.transport.write(lead)
             self.transport.write(exchange.packet)
         else:
-            self.transport.write(lead + exchange.packet)
+            self.transport.write(self._out[0])
         if self.urgent:
             self._leaving = self.urgent
             self.urgent = b""
@@ -200,7 +202,7 @@ class HalfDuplexTransactor:
             return
         self._passed += max(missing, 0)
         self._sent_after = after + 1
-        self._out = (b"", exchange.then[after][1])
+        self._out.append(exchange.then[after][1])
         self._echoed.clear()
         self.transport.write(exchange.then[after][1])
         self.deadline = now + self._step(exchange, after + 1) + self.slack
@@ -228,7 +230,7 @@ class HalfDuplexTransactor:
             if self._leaving and reply.answered.any():
                 self._leaving = b""
             if reply.unasked:
-                self._judge(reply.unasked, reply.first, self.received)
+                self._judge(reply.unasked, reply.first, self._out[0], self.received)
             if self.late_replies or not reply.whole:
                 self.late_replies.record(reply, self.sent)
         return exchange
@@ -237,30 +239,30 @@ class HalfDuplexTransactor:
 
     def _require_room(self) -> None:
         waiting = self.transport.backlog()
-        most = len(self._out[0]) + len(self._out[1])
+        most = len(self._out[-1])
         if waiting > most:
             self.transport.flush()
             raise output_full(self.name, waiting, most)
 
     def _look_back(self, now: float) -> None:
         """Classify bytes that came after the last transaction had ended."""
-        self._judge(self._find_packets(self._late, status=None), bytes(self._late), now)
+        self._judge(self._find_packets(self._late, status=None), bytes(self._late), self._out[-1], now)
         self._late.clear()
         if self._sensor_read:
             self.strays = 0
 
-    def _judge(self, packets: Sequence[LinePacket], first: bytes, now: float) -> None:
+    def _judge(self, packets: Sequence[LinePacket], first: bytes, sent: bytes, now: float) -> None:
         """Classify packets outside a reply, received at the latest at `now` (s).
 
-        `first`: first bytes of the window; sent ones there are echo.
+        `first`: first bytes of the window; `sent` ones there are echo.
         """
-        sent = b"".join(self._out)
         own = list(self._find_packets(sent, status=False))
         returned = first.startswith(sent) or (len(first) > ECHO_START and sent.startswith(first))
         if own and returned and list(packets[: len(own)]) == own:
             self.echo = True
-            packets = packets[len(own) :]
-            self.strays -= len(sent)
+            packets = self._without_echo(packets)
+        elif self._echoes:  # damaged in part
+            packets = self._without_echo(packets)
         unrequested = [each for each in packets if each.is_status and each.id in self._sensors]
         self.late += [len(each.data) for each in unrequested]
         self.strays = max(0, self.strays - sum(each.octets for each in unrequested))
@@ -268,12 +270,24 @@ class HalfDuplexTransactor:
         known = self.late_replies.ids | self._sensors
         self.foreign += sum(not each.is_status or each.id not in known for each in packets)
 
+    def _without_echo(self, packets: Sequence[LinePacket]) -> list[LinePacket]:
+        """Return the packets but for one of each that this transaction has sent; those are no strays."""
+        sent = list(self._find_packets(b"".join(self._out), status=False))
+        others = []
+        for each in packets:
+            if each in sent:
+                sent.remove(each)
+                self.strays = max(0, self.strays - each.octets)
+            else:
+                others.append(each)
+        return others
+
     def _past_echo(self, reply: PendingReply) -> bool:
         """Remove the echo from the front; return True once it is complete.
 
         Bytes that differ from the sent ones belong to the reply: the adapter's echo has ended.
         """
-        sent = b"".join(self._out)
+        sent = self._out[-1]
         left = len(sent) - len(self._echoed)
         if left:
             part = bytearray(left)
@@ -281,8 +295,10 @@ class HalfDuplexTransactor:
             self._echoed += part[:count]
             if not sent.startswith(self._echoed):
                 self.echo = False
-                reply.receive_buffer()[: len(self._echoed)] = self._echoed
-                self._done = reply.take(len(self._echoed))
+                buffer = reply.receive_buffer()
+                count = min(len(buffer), len(self._echoed))  # of a babbling line it may be full
+                buffer[:count] = self._echoed[:count]
+                self._done = reply.take(count)
                 return False
             return count == left
         return True
