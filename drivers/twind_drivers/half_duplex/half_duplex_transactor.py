@@ -21,15 +21,16 @@ ECHO_START = 4  # first bytes of an echo that are enough to know it
 class SerialTransaction:
     """Request and its expected reply.
 
-    `then`: further requests for devices without group reads; each leaves when so many replies are in, or when
-    the one before has had its time. Two silent devices end the chain.
+    `then`: further requests for devices without group reads, each with the places in the reply of the devices
+    that the request before it asks. It leaves when their replies are in, or when that request has had its
+    time: a late reply of an earlier one is none of theirs. Two silent devices end the chain.
     """
 
     packet: bytes
     reply: PendingReply | None  # None: no reply follows
     delays: int  # number of return delays before the last byte
     extra: float = 0.0  # s, further delay of a device that is slower than the servos
-    then: tuple[tuple[int, bytes], ...] = ()
+    then: tuple[tuple[tuple[int, ...], bytes], ...] = ()
 
     @property
     def size(self) -> int:
@@ -197,10 +198,10 @@ class HalfDuplexTransactor:
         after = self._sent_after
         if after == len(exchange.then):
             return
-        missing = exchange.then[after][0] - int(reply.answered.sum()) - self._passed
+        missing = sum(not reply.answered[place] for place in exchange.then[after][0])
         if missing > 0 and (now < self.deadline or self._passed + missing > PATIENCE):
             return
-        self._passed += max(missing, 0)
+        self._passed += missing
         self._sent_after = after + 1
         self._out.append(exchange.then[after][1])
         self._echoed.clear()
@@ -211,8 +212,8 @@ class HalfDuplexTransactor:
 
     def _step(self, exchange: SerialTransaction, place: int) -> float:
         """Return the bus time (s) of one request of a chain and its replies."""
-        needed = [0, *(count for count, _ in exchange.then), exchange.delays]
-        count = needed[place + 1] - needed[place]
+        counts = [len(asked) for asked, _ in exchange.then]
+        count = [*counts, exchange.delays - sum(counts)][place]
         requests = (exchange.packet, *(each for _, each in exchange.then))
         size = len(requests[place]) + count * (exchange.size - sum(map(len, requests))) // exchange.delays
         return wire(size, self.baud) + count * self.return_delay_s + exchange.extra / len(exchange.then)
