@@ -1,5 +1,6 @@
 """Serial ports on real pseudo-terminals: exclusive, raw, and every failure says what to do."""
 
+import errno
 import fcntl
 import os
 import struct
@@ -80,6 +81,25 @@ def test_a_second_open_is_refused_and_names_the_holder(terminal: Terminal) -> No
         SerialTransport(terminal.path, 1_000_000)
     assert not caught.value.lost
     first.close()
+    SerialTransport(terminal.path, 1_000_000).close()
+
+
+def test_a_port_that_is_unplugged_while_it_opens_is_a_port_error(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any other error would be one of the whole tick: FAULT for all buses."""
+    asked = fcntl.ioctl
+
+    def ioctl(fd: int, question: int, *more: Any) -> Any:
+        if question == termios.TIOCEXCL:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return asked(fd, question, *more)
+
+    monkeypatch.setattr(serial_port.os.path, "realpath", lambda path: "/dev/ttyUSB0")
+    monkeypatch.setattr(serial_port.fcntl, "ioctl", ioctl)
+    with pytest.raises(PortError, match=r"cannot be opened: Input/output error \(adapter unplugged\?\)"):
+        SerialTransport(terminal.path, 1_000_000)
+    monkeypatch.undo()
     SerialTransport(terminal.path, 1_000_000).close()
 
 

@@ -52,19 +52,23 @@ class SerialTransport:
         self._port = _open(path, baud)
         self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
-        # A pty keeps the flag while its other side is open: after a killed holder no program could open it.
-        if not self._path.startswith("/dev/pts/"):
-            fcntl.ioctl(self._fd, termios.TIOCEXCL)
         self.holds = not self._path.startswith("/dev/pts/")  # a pty passes bytes on at once
         self._waiting = bytearray(4)  # result of FIONREAD and TIOCOUTQ
         self._scratch = memoryview(bytearray(SCRATCH))
         self._arrivals: ArrivalSignal | None = None
         self._unannounced = 0  # reads in a row
         try:
+            # A pty keeps the flag while its other side is open: after a killed holder nobody could open it.
+            if not self._path.startswith("/dev/pts/"):
+                fcntl.ioctl(self._fd, termios.TIOCEXCL)
             self._check_speed(baud)
         except PortError:
             self.close()
             raise
+        except OSError as error:
+            self.close()
+            reason = f"cannot be opened: {os.strerror(error.errno or 0)} (adapter unplugged?)"
+            raise PortError(path, reason) from error
         self.latency_ms = self._lower_latency()
         self.warning = _slow_timer(os.path.basename(self._path), self.latency_ms)
         if by_signal:
