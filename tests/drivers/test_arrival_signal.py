@@ -119,6 +119,7 @@ def test_a_port_that_answers_is_never_asked_whether_it_is_there(
         os.write(terminal.master, b"reply")
         assert taken(port, 5, 16) == b"reply"
     assert not asked
+    monkeypatch.undo()
     port.close()
 
 

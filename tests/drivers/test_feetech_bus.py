@@ -8,7 +8,16 @@ import pytest
 from tests.support.driver_rig import both
 from tests.support.feetech_rig import FeetechRig
 from twind.config.robot_file import load_robot
-from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
+from twind_drivers.bus import (
+    DeviceRefused,
+    IdentifiedDevice,
+    NoReply,
+    ReadRequest,
+    Script,
+    WireRangeError,
+    WriteRequest,
+)
+from twind_drivers.feetech.feetech_identification import BLOCKS
 from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_type import FeetechType
 from twind_drivers.feetech.feetech_writer import FeetechWriter
@@ -73,6 +82,27 @@ def test_identification_reports_model_firmware_and_settings() -> None:
     assert (device.model_number, device.model_name, device.firmware) == (777, "STS3215", 310)
     assert device.settings["homing_offset"] == -5
     assert device.unique_id is None
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_servo_silent_while_its_settings_are_read_is_not_identified(block: tuple[int, int]) -> None:
+    """Defaults would stand for what was not read, and nothing would read it again."""
+    rig = rig_of()
+
+    def script() -> Script[tuple[IdentifiedDevice, ...]]:
+        identification = rig.reader.identify()
+        reply = None
+        while True:
+            try:
+                request = identification.send(reply) if reply else next(identification)
+            except StopIteration as stop:
+                found: tuple[IdentifiedDevice, ...] = stop.value
+                return found
+            assert isinstance(request, ReadRequest)
+            rig.faults.silence(2, (request.address, request.size) == block)
+            reply = yield request
+
+    assert [device.id for device in rig.perform(script())] == [1, 3]
 
 
 def test_an_unknown_firmware_is_read_and_not_armed() -> None:

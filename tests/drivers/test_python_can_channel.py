@@ -239,6 +239,25 @@ def test_a_recovered_controller_is_reported(wire: Wire, id: int, place: int, bit
     channel.close()
 
 
+@pytest.mark.parametrize("failure", ["", "could not be taken down and up"])
+def test_a_controller_whose_link_went_down_and_up_is_on_the_wire_again(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch, failure: str
+) -> None:
+    """The kernel sends no error frame then: the bus stayed off, and barred arming, until the daemon ended."""
+    monkeypatch.setattr(python_can_channel, "restart", lambda name: failure)
+    channel = opened()
+    wire.say(ERROR_FLAG | 0x040, bytes(8))
+    channel.receive(0.0)
+    channel.send(cycle(1), 0.2)
+    channel.purge()
+    off = CanErrorState.OFF if failure else CanErrorState.ACTIVE
+    assert channel.condition.line is off
+    wire.say(ERROR_FLAG | 0x040, bytes(8))  # the wire is still shorted
+    channel.receive(0.3)
+    assert channel.condition.line is CanErrorState.OFF
+    channel.close()
+
+
 def test_a_missing_interface_is_reported_with_the_remedy(wire: Wire) -> None:
     wire.gone = errno.ENODEV
     with pytest.raises(

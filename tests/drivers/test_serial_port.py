@@ -1,17 +1,20 @@
 """Serial ports on real pseudo-terminals: exclusive, raw, and every failure says what to do."""
 
+import errno
 import fcntl
 import os
 import struct
 import subprocess
 import sys
 import termios
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 
 from tests.support.driver_rig import is_output_full
 from tests.support.serial_port_rig import Terminal
@@ -80,6 +83,25 @@ def test_a_second_open_is_refused_and_names_the_holder(terminal: Terminal) -> No
         SerialTransport(terminal.path, 1_000_000)
     assert not caught.value.lost
     first.close()
+    SerialTransport(terminal.path, 1_000_000).close()
+
+
+def test_a_port_that_is_unplugged_while_it_opens_is_a_port_error(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any other error would be one of the whole tick: FAULT for all buses."""
+    asked = fcntl.ioctl
+
+    def ioctl(fd: int, question: int, *more: Any) -> Any:
+        if question == termios.TIOCEXCL:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return asked(fd, question, *more)
+
+    monkeypatch.setattr(serial_port.os.path, "realpath", lambda path: "/dev/ttyUSB0")
+    monkeypatch.setattr(serial_port.fcntl, "ioctl", ioctl)
+    with pytest.raises(PortError, match=r"cannot be opened: Input/output error \(adapter unplugged\?\)"):
+        SerialTransport(terminal.path, 1_000_000)
+    monkeypatch.undo()
     SerialTransport(terminal.path, 1_000_000).close()
 
 
@@ -220,6 +242,51 @@ def test_a_packet_that_was_taken_in_part_is_thrown_away_and_not_continued(
     assert flushed == [termios.TCOFLUSH]
     monkeypatch.undo()
     port.close()
+
+
+def opened_again(terminal: Terminal) -> SerialTransport:
+    """The port, once its closing has ended: of a loaded machine that may last."""
+    for _ in range(1000):
+        try:
+            return SerialTransport(terminal.path, 1_000_000)
+        except PortError as error:
+            if "still being closed" not in error.reason:
+                raise
+            time.sleep(0.01)
+    raise AssertionError("never closed")
+
+
+@pytest.mark.parametrize("by_signal", [False, True])
+def test_a_port_whose_adapter_takes_no_bytes_is_closed_in_the_background(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, by_signal: bool
+) -> None:
+    """The kernel waits 30 s (closing_wait) for bytes to leave: the loop would stop for all other buses."""
+    port = SerialTransport(terminal.path, 1_000_000, by_signal=by_signal)
+    unplugged = threading.Event()
+    close = serial.Serial.close
+
+    def blocked(self: serial.Serial) -> None:
+        unplugged.wait(60.0)
+        close(self)
+
+    monkeypatch.setattr(serial.Serial, "close", blocked)
+    monkeypatch.setattr(port, "backlog", lambda: 5)
+    begun = time.monotonic()
+    port.close()
+    port.close()
+    assert port.fileno() == -1
+    with pytest.raises(PortError, match="is still being closed"):
+        SerialTransport(terminal.path, 1_000_000)
+    assert time.monotonic() - begun < 10.0
+    unplugged.set()
+    opened_again(terminal).close()
+
+
+def test_a_port_whose_last_packet_leaves_in_time_can_be_opened_again(terminal: Terminal) -> None:
+    port = SerialTransport(terminal.path, 1_000_000)
+    port.backlog = lambda: 5  # type: ignore[method-assign]
+    port.close()
+    opened_again(terminal).close()
 
 
 def test_an_output_that_is_full_is_an_error_but_not_a_loss(terminal: Terminal) -> None:

@@ -20,6 +20,7 @@ from twind_drivers.feetech.feetech_registers import (
 BLOCKS = ((0, EPROM_END), (EPROM_END, STATE_SIZE))
 MULTI_TURN = 0x10  # phase bit 4: the position leaves 0..4095
 UNLOADING = 0x24  # mask 19: overload, temperature
+ENDS = {"max_position_limit", "torque_enable"}  # registers of both blocks that every driven map has
 Settings = dict[str, int]
 
 
@@ -65,7 +66,11 @@ def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Scrip
             again = (yield from _each(missed, address, size)) if missed else {}
             for id, raw in (dict(reply.data) | again).items():
                 settings[id].update(maps[id].values(address, raw))
-    return {id: _found(id, identity[id], maps[id], settings[id], groups.get(id, False)) for id in maps}
+    return {
+        id: _found(id, identity[id], maps[id], settings[id], groups.get(id, False))
+        for id in maps
+        if not maps[id].driven or settings[id].keys() >= ENDS  # else it fell silent in the middle
+    }
 
 
 def _each(ids: Sequence[int], address: int, size: int) -> Script[dict[int, bytes]]:

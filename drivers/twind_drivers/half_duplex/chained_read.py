@@ -29,8 +29,11 @@ def chained_read(
         alone = list(ids)
     singles = [read(id, address, size) for id in alone]
     first = group_read(together, address, size) if together else singles.pop(0)
-    done = len(together) or 1
-    then = tuple((done + place, request) for place, request in enumerate(singles))
+    asked = [tuple(together), *((id,) for id in alone)] if together else [(id,) for id in alone]
+    then = tuple(
+        (tuple(ids.index(id) for id in before), request)
+        for before, request in zip(asked[:-1], singles, strict=True)
+    )
     requests = () if together and not singles else (first, *singles)
     reply = ChecksumReply(ids, size, requests, refusals=refusals)
     return SerialTransaction(first, reply, len(ids), extra=ADAPTER * len(then), then=then)

@@ -21,15 +21,16 @@ ECHO_START = 4  # first bytes of an echo that are enough to know it
 class SerialTransaction:
     """Request and its expected reply.
 
-    `then`: further requests for devices without group reads; each leaves when so many replies are in, or when
-    the one before has had its time. Two silent devices end the chain.
+    `then`: further requests for devices without group reads, each with the places in the reply of the devices
+    that the request before it asks. It leaves when their replies are in, or when that request has had its
+    time: a late reply of an earlier one is none of theirs. Two silent devices end the chain.
     """
 
     packet: bytes
     reply: PendingReply | None  # None: no reply follows
     delays: int  # number of return delays before the last byte
     extra: float = 0.0  # s, further delay of a device that is slower than the servos
-    then: tuple[tuple[int, bytes], ...] = ()
+    then: tuple[tuple[tuple[int, ...], bytes], ...] = ()
 
     @property
     def size(self) -> int:
@@ -89,11 +90,12 @@ class HalfDuplexTransactor:
         self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; reset likewise
         self._sensor_read = False  # the last transaction read a sensor
         self.echo = False
+        self._echoes = False  # `echo`, when the last transaction began
         self.exchange: SerialTransaction | None = None
         self._done = True
         self._busy = -inf  # s, time until which sent bytes are on the wire
-        self._out: tuple[bytes, bytes] = (b"", b"")  # bytes sent last: lead, request
-        self._echoed = bytearray()  # of those, the bytes returned by an echo
+        self._out: list[bytes] = [b""]  # bytes of each write of the last transaction; its first has the lead
+        self._echoed = bytearray()  # of the last write, the bytes returned by an echo
         self.late_replies = LateReplies()
         self._late = bytearray()
 
@@ -138,16 +140,17 @@ class HalfDuplexTransactor:
         self.exchange = exchange
         self._done = exchange.reply is None
         self.sent = now
-        self._out = (lead, exchange.packet)
+        self._out = [lead + exchange.packet]
         self._sent_after = 0
         self._passed = 0
+        self._echoes = self.echo
         if self.echo:
             self._echoed.clear()
         if lead and not self.one_write:
             self.transport.write(lead)
             self.transport.write(exchange.packet)
         else:
-            self.transport.write(lead + exchange.packet)
+            self.transport.write(self._out[0])
         if self.urgent:
             self._leaving = self.urgent
             self.urgent = b""
@@ -195,12 +198,12 @@ class HalfDuplexTransactor:
         after = self._sent_after
         if after == len(exchange.then):
             return
-        missing = exchange.then[after][0] - int(reply.answered.sum()) - self._passed
+        missing = sum(not reply.answered[place] for place in exchange.then[after][0])
         if missing > 0 and (now < self.deadline or self._passed + missing > PATIENCE):
             return
-        self._passed += max(missing, 0)
+        self._passed += missing
         self._sent_after = after + 1
-        self._out = (b"", exchange.then[after][1])
+        self._out.append(exchange.then[after][1])
         self._echoed.clear()
         self.transport.write(exchange.then[after][1])
         self.deadline = now + self._step(exchange, after + 1) + self.slack
@@ -209,8 +212,8 @@ class HalfDuplexTransactor:
 
     def _step(self, exchange: SerialTransaction, place: int) -> float:
         """Return the bus time (s) of one request of a chain and its replies."""
-        needed = [0, *(count for count, _ in exchange.then), exchange.delays]
-        count = needed[place + 1] - needed[place]
+        counts = [len(asked) for asked, _ in exchange.then]
+        count = [*counts, exchange.delays - sum(counts)][place]
         requests = (exchange.packet, *(each for _, each in exchange.then))
         size = len(requests[place]) + count * (exchange.size - sum(map(len, requests))) // exchange.delays
         return wire(size, self.baud) + count * self.return_delay_s + exchange.extra / len(exchange.then)
@@ -228,7 +231,7 @@ class HalfDuplexTransactor:
             if self._leaving and reply.answered.any():
                 self._leaving = b""
             if reply.unasked:
-                self._judge(reply.unasked, reply.first, self.received)
+                self._judge(reply.unasked, reply.first, self._out[0], self.received)
             if self.late_replies or not reply.whole:
                 self.late_replies.record(reply, self.sent)
         return exchange
@@ -237,30 +240,30 @@ class HalfDuplexTransactor:
 
     def _require_room(self) -> None:
         waiting = self.transport.backlog()
-        most = len(self._out[0]) + len(self._out[1])
+        most = len(self._out[-1])
         if waiting > most:
             self.transport.flush()
             raise output_full(self.name, waiting, most)
 
     def _look_back(self, now: float) -> None:
         """Classify bytes that came after the last transaction had ended."""
-        self._judge(self._find_packets(self._late, status=None), bytes(self._late), now)
+        self._judge(self._find_packets(self._late, status=None), bytes(self._late), self._out[-1], now)
         self._late.clear()
         if self._sensor_read:
             self.strays = 0
 
-    def _judge(self, packets: Sequence[LinePacket], first: bytes, now: float) -> None:
+    def _judge(self, packets: Sequence[LinePacket], first: bytes, sent: bytes, now: float) -> None:
         """Classify packets outside a reply, received at the latest at `now` (s).
 
-        `first`: first bytes of the window; sent ones there are echo.
+        `first`: first bytes of the window; `sent` ones there are echo.
         """
-        sent = b"".join(self._out)
         own = list(self._find_packets(sent, status=False))
         returned = first.startswith(sent) or (len(first) > ECHO_START and sent.startswith(first))
         if own and returned and list(packets[: len(own)]) == own:
             self.echo = True
-            packets = packets[len(own) :]
-            self.strays -= len(sent)
+            packets = self._without_echo(packets)
+        elif self._echoes:  # damaged in part
+            packets = self._without_echo(packets)
         unrequested = [each for each in packets if each.is_status and each.id in self._sensors]
         self.late += [len(each.data) for each in unrequested]
         self.strays = max(0, self.strays - sum(each.octets for each in unrequested))
@@ -268,12 +271,24 @@ class HalfDuplexTransactor:
         known = self.late_replies.ids | self._sensors
         self.foreign += sum(not each.is_status or each.id not in known for each in packets)
 
+    def _without_echo(self, packets: Sequence[LinePacket]) -> list[LinePacket]:
+        """Return the packets but for one of each that this transaction has sent; those are no strays."""
+        sent = list(self._find_packets(b"".join(self._out), status=False))
+        others = []
+        for each in packets:
+            if each in sent:
+                sent.remove(each)
+                self.strays = max(0, self.strays - each.octets)
+            else:
+                others.append(each)
+        return others
+
     def _past_echo(self, reply: PendingReply) -> bool:
         """Remove the echo from the front; return True once it is complete.
 
         Bytes that differ from the sent ones belong to the reply: the adapter's echo has ended.
         """
-        sent = b"".join(self._out)
+        sent = self._out[-1]
         left = len(sent) - len(self._echoed)
         if left:
             part = bytearray(left)
@@ -281,8 +296,10 @@ class HalfDuplexTransactor:
             self._echoed += part[:count]
             if not sent.startswith(self._echoed):
                 self.echo = False
-                reply.receive_buffer()[: len(self._echoed)] = self._echoed
-                self._done = reply.take(len(self._echoed))
+                buffer = reply.receive_buffer()
+                count = min(len(buffer), len(self._echoed))  # of a babbling line it may be full
+                buffer[:count] = self._echoed[:count]
+                self._done = reply.take(count)
                 return False
             return count == left
         return True

@@ -195,9 +195,12 @@ class PythonCanChannel:
                 bus.shutdown()
         waits = self.interface == "socketcan" and (self._doubtful or self._standing.stall.is_blocked)
         if waits and empties and self._owner() is not None:
-            self._warn(restart(self.channel) or long_queue(self.channel))
+            failure = restart(self.channel)
+            self._warn(failure or long_queue(self.channel))
             self._restarted = self._now
             self._doubtful = False
+            if not failure:  # the kernel reports a restart by itself alone, not one by its link
+                self._standing.record_status(CanErrorState.ACTIVE)
 
     def _warn(self, text: str) -> None:
         """Set this channel's part of the warning; parts from other sources stay."""

@@ -13,6 +13,7 @@ import stat
 import struct
 import sys
 import termios
+import threading
 from contextlib import suppress
 from math import inf
 from pathlib import Path
@@ -30,6 +31,11 @@ SCRATCH = 4096  # bytes discarded per read while draining
 TCGETS2 = 0x802C542A  # x86 and ARM; reads the speed that the kernel set, in bit/s
 SPEED_AT = 40  # bytes into struct termios2: 4 flags, line, 19 control characters, input and output speed
 BAUD_TOLERANCE = 0.025  # of the rate; a UART of 10 bits a byte loses its place near 5 % of both ends together
+
+
+LEAVING = 0.01  # s that closing waits for the last packet to leave
+
+_closing: set[str] = set()  # paths of ports whose closing waits in the kernel
 
 
 class SerialTransport:
@@ -52,19 +58,23 @@ class SerialTransport:
         self._port = _open(path, baud)
         self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
-        # A pty keeps the flag while its other side is open: after a killed holder no program could open it.
-        if not self._path.startswith("/dev/pts/"):
-            fcntl.ioctl(self._fd, termios.TIOCEXCL)
         self.holds = not self._path.startswith("/dev/pts/")  # a pty passes bytes on at once
         self._waiting = bytearray(4)  # result of FIONREAD and TIOCOUTQ
         self._scratch = memoryview(bytearray(SCRATCH))
         self._arrivals: ArrivalSignal | None = None
         self._unannounced = 0  # reads in a row
         try:
+            # A pty keeps the flag while its other side is open: after a killed holder nobody could open it.
+            if not self._path.startswith("/dev/pts/"):
+                fcntl.ioctl(self._fd, termios.TIOCEXCL)
             self._check_speed(baud)
         except PortError:
             self.close()
             raise
+        except OSError as error:
+            self.close()
+            reason = f"cannot be opened: {os.strerror(error.errno or 0)} (adapter unplugged?)"
+            raise PortError(path, reason) from error
         self.latency_ms = self._lower_latency()
         self.warning = _slow_timer(os.path.basename(self._path), self.latency_ms)
         if by_signal:
@@ -169,13 +179,37 @@ class SerialTransport:
             poll.poll(0)
 
     def close(self) -> None:
-        """Release the port. May be called twice."""
-        if self._fd >= 0:
-            self._fd = -1
+        """Release the port. May be called twice.
+
+        The kernel waits up to 30 s for output that an adapter does not take (closing_wait), with no regard to
+        O_NONBLOCK. Such a port is released in the background.
+        """
+        if self._fd < 0:
+            return
+        waits = self._output_waits()
+        if self._arrivals is not None:
+            with suppress(OSError):  # of a port that is gone
+                fcntl.fcntl(self._fd, fcntl.F_SETFL, fcntl.fcntl(self._fd, fcntl.F_GETFL) & ~os.O_ASYNC)
+            self._arrivals.close()
+            self._arrivals = None
+        self._fd = -1
+        if not waits:
             self._port.close()
-            if self._arrivals is not None:
-                self._arrivals.close()
-                self._arrivals = None
+            return
+        _closing.add(self._path)
+        worker = threading.Thread(target=self._release, name=f"close {self.name}", daemon=True)
+        worker.start()
+        worker.join(LEAVING)
+
+    def _output_waits(self) -> bool:
+        try:
+            return self.backlog() > 0
+        except PortError:  # it is gone, and nothing waits for it
+            return False
+
+    def _release(self) -> None:
+        self._port.close()
+        _closing.discard(self._path)
 
     def _make_lost_error(self, what: str, error: OSError) -> PortError:
         gone = "closed" if self._fd < 0 else "adapter unplugged?"
@@ -228,6 +262,10 @@ def _slow_timer(tty: str, latency_ms: int | None) -> str:
 
 
 def _open(path: str, baud: int) -> serial.Serial:
+    if os.path.realpath(path) in _closing:  # to open it would wait as long
+        raise PortError(
+            path, "is still being closed, as its adapter takes no bytes: unplug it, plug it in again"
+        )
     try:
         node = os.stat(path)
     except FileNotFoundError:

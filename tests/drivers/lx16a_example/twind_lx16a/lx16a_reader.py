@@ -176,7 +176,7 @@ class LxReader:
         if not ids:
             return NOTHING
         first, *others = (lx_packet(id, code) for id in ids)
-        then = tuple((place + 1, each) for place, each in enumerate(others))
+        then = tuple(((place,), each) for place, each in enumerate(others))
         return SerialTransaction(first, LxReply(ids, code, size), len(ids), ADAPTER * len(then), then)
 
     # --------------------------------------------------------------------------- the rare path
