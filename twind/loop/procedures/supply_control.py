@@ -137,11 +137,14 @@ class SupplyControl:
     def _order(self, now: float, sequence: SupplySequence, live: bool) -> None:
         context = self._context
         idle = not context.torque.armed and context.procedures.rank is None
+        released = self._button is None or self.button is ButtonState.RELEASED
         if now - self._looked_at >= LOOK:
             self._looked_at = now
             self._powered = self._measure_supply(now)
         opens = not live or self._is_stop_over(now)
-        sequence.step(now, SupplyInput(self.relay, idle, opens, self._powered))
+        # A relay that is open stays open during a stop: behind it no torque can be read off any more.
+        closes = idle and released and self._stopped_at is None
+        sequence.step(now, SupplyInput(self.relay, closes, opens, self._powered))
         if sequence.fault is not self._reported:
             self._reported = sequence.fault
             context.reports.urgent = True
