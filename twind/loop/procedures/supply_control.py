@@ -121,11 +121,9 @@ class SupplyControl:
             self._known_until = inf
             self._patience = LOST
         stops = state in (ButtonState.PRESSED, ButtonState.UNPLUGGED) or now > self._known_until
-        condition = self._context.condition
-        latched = ReasonCode.ESTOP in condition.latches
-        if not stops and not latched:
+        if ReasonCode.ESTOP not in self._context.condition.latches:
             self._stopped_at = None
-        if live and stops and (not latched or self._stopped_at is None or state is not before):
+        if live and stops and (self._stopped_at is None or state is not before):
             reason = BUTTON_TEXT[state]
             finding = Finding(ReasonCode.ESTOP, message=reason)
             self._context.reports.event("error", ReasonCode.ESTOP, reason, (finding,))
