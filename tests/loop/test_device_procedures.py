@@ -261,3 +261,35 @@ def test_a_servo_shut_down_by_its_hardware_error_is_restarted_with_its_settings(
     assert live.register("hardware_error_status")[6] == 0
     live.ticks(60)
     assert live.loop.hardware.connected
+
+
+# ------------------------------------------------------------------------------------- writes without reply
+
+
+def written_then(rig: Rig, name: str, value: int) -> int:
+    """Write a register of id 7 until the servo has the value, which nothing has confirmed yet."""
+    ticket = rig.send(link.WriteRegister, bus="main", id=7, name=name, value=value)
+    for _ in range(20):
+        rig.ticks(1)
+        if rig.register(name)[6] == value:
+            return ticket
+    raise AssertionError(f"{name} was not written: {rig.replies(ticket)}")
+
+
+def test_a_kept_register_is_judged_before_the_next_arming_if_a_stop_ends_its_write(live: Rig) -> None:
+    live.connect()
+    calibrate(live)
+    ticket = written_then(live, "homing_offset", 300)
+    live.send(link.EStop, level="settle", reason="")
+    live.seconds(1.0)
+    (reply,) = live.replies(ticket)
+    assert reply.error == "BusFailed"
+    (event,) = live.events("REGISTER")
+    assert event.message.endswith("homing_offset := 300 is not confirmed")
+    assert live.call(link.Reset).error is None
+    live.seconds(1.0)
+    live.lease()
+    refused = live.call(link.Arm)
+    assert refused.error == "Refused"
+    (found,) = refused.parameters["findings"]
+    assert (found["code"], found["joint"], found["value"]) == ("CALIB_MISMATCH", 6, 300.0)

@@ -247,6 +247,16 @@ def test_a_command_sent_before_the_death_of_a_front_still_counts(front: Front, e
     assert end.commands(2.0) == []
 
 
+def test_a_command_of_a_front_that_died_with_unread_news_still_counts(front: Front, end: FrontLink) -> None:
+    end.state(tick(1))  # a front that is killed has not read the last state
+    front.send(link.EStop(ticket=1, client=2))
+    assert front.outer is not None
+    front.outer.close()
+    assert [type(incoming.command) for incoming in end.commands(1.0)] == [link.EStop]
+    assert end.lost
+    assert front.socket is None
+
+
 # ------------------------------------------------------------------------------------- out
 
 
@@ -430,6 +440,17 @@ def test_an_e_stop_behind_a_flood_of_a_front_that_died_is_still_executed(
     taken = end.commands(1.01)
     assert len(taken) == PER_TICK + 61
     assert isinstance(taken[-1].command, link.EStop)
+
+
+def test_an_e_stop_behind_a_flood_of_a_front_that_is_killed_is_still_executed(
+    front: Front, end: FrontLink
+) -> None:
+    for ticket in range(PER_TICK + 60):
+        front.send(cancel(ticket))
+    front.send(link.EStop(ticket=999, client=2))
+    front.is_overdue = True
+    end.supervise_front(1.0)
+    assert isinstance(end.commands(1.01)[-1].command, link.EStop)
 
 
 def test_a_crash_recording_is_released_on_request_of_the_front_and_that_is_not_recorded(

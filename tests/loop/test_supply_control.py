@@ -123,6 +123,48 @@ def test_the_button_lowers_the_robot_then_opens_the_relay_until_reset(state: But
         rig.arm()
 
 
+def press_and_await_open(rig: Rig, power: PowerStandIn) -> None:
+    """Press the button on an armed robot; the relay is open afterwards."""
+    power.set_button(ButtonState.PRESSED)
+    for _ in range(600):
+        rig.ticks(1)
+        if power.relay is RelayState.OPEN:
+            return
+    raise AssertionError("the relay stays closed")
+
+
+def test_an_adapter_that_loses_its_supply_with_the_relay_closes_no_relay_at_a_pressed_button() -> None:
+    power = PowerStandIn("settle")
+    with powered(power) as rig:
+        rig.arm()
+        press_and_await_open(rig, power)
+        rig.virtual["main"].faults.unplug()
+        rig.seconds(5.0)
+        assert power.relay is RelayState.OPEN
+        power.set_button(ButtonState.RELEASED)
+        rig.seconds(3.0)
+        assert power.relay is RelayState.OPEN, "the stop is in force until a reset"
+        rig.virtual["main"].faults.replug()
+        assert rig.call(link.Reset).error is None
+        rig.seconds(4.0)
+        assert power.relay is RelayState.CLOSED
+
+
+@pytest.mark.parametrize("state", [ButtonState.PRESSED, ButtonState.UNPLUGGED, ButtonState.UNKNOWN])
+def test_the_relay_does_not_close_before_the_button_is_read_released(state: ButtonState) -> None:
+    power = PowerStandIn("settle")
+    power.set_button(state)
+    with powered(power) as rig:
+        for _ in range(round((FALL + MORE + 1.0) / rig.loop.robot.period)):
+            rig.ticks(1)
+            assert power.relay is RelayState.OPEN
+        power.set_button(ButtonState.RELEASED)
+        rig.seconds(0.5)
+        rig.call(link.Reset)
+        rig.seconds(2.0)
+        assert power.relay is RelayState.CLOSED
+
+
 def test_the_button_at_level_cut_opens_the_relay_at_once() -> None:
     power = PowerStandIn("cut")
     with powered(power) as rig:

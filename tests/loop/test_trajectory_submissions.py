@@ -123,16 +123,33 @@ def test_a_verdict_of_the_front_that_is_old_is_refused(armed: Rig) -> None:
     assert reply.error is None
 
 
-def test_a_state_change_during_a_long_check_is_checked_again(armed: Rig) -> None:
+def long_hold(rig: Rig) -> Trajectory:
+    """As many points as a path may have, all where the robot is: judged over several ticks."""
     count = 2000
-    n = len(armed.names)
-    rows = np.tile(armed.loop.robot.measured.position, (count, 1))
-    long = Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
-    ticket = armed.submit(long)
+    n = len(rig.names)
+    rows = np.tile(rig.loop.robot.measured.position, (count, 1))
+    return Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
+
+
+def test_a_state_change_during_a_long_check_is_checked_again(armed: Rig) -> None:
+    ticket = armed.submit(long_hold(armed))
     armed.send(link.ReleaseLease)
     (reply,) = last(armed, ticket)
     assert (reply.error, codes(reply)) == ("Refused", ["LEASE_MISSING"])
     assert armed.loop.executor.motion == "holding"
+
+
+@pytest.mark.parametrize("client", [CLIENT, CLIENT + 1])
+def test_a_trajectory_that_is_judged_when_the_robot_is_stopped_does_not_begin_afterwards(
+    armed: Rig, client: int
+) -> None:
+    ticket = armed.submit(long_hold(armed))
+    armed.ticks(2)
+    assert armed.call(link.Cancel, client=client).error is None
+    (reply,) = last(armed, ticket)
+    assert (reply.error, codes(reply)) == ("Refused", ["BUSY"])
+    assert armed.loop.executor.motion == "holding"
+    assert last(armed, armed.submit(path(armed, 0.05)))[0].error is None
 
 
 # ------------------------------------------------------------------------------------- following

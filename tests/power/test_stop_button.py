@@ -47,9 +47,11 @@ def test_a_silent_or_babbling_line_is_unplugged_until_it_speaks_again(wire: PtyW
     assert button.read(10.1 + SILENT + 0.01) is ButtonState.UNPLUGGED
     assert str(wire.path) in button.trouble
     later = 10.2 + SILENT + AGAIN
-    button.read(later)
+    assert button.read(later) is ButtonState.UNPLUGGED, "its port opens, and it is still silent"
+    assert str(wire.path) in button.trouble
     os.write(wire.fd, b"0")
     assert button.read(later + 0.01) is ButtonState.RELEASED
+    assert button.trouble == ""
 
 
 def test_a_pulled_cable_is_seen_at_once(wire: PtyWire) -> None:

@@ -152,7 +152,7 @@ class StopButton:
                 self._device.close()
             self._device = None
             return ButtonState.UNPLUGGED
+        if pressed is None:  # opened again after a silence, it is still gone until its first byte
+            return ButtonState.UNPLUGGED if self.trouble else ButtonState.UNKNOWN
         self.trouble = ""
-        if pressed is None:
-            return ButtonState.UNKNOWN
         return ButtonState.PRESSED if pressed else ButtonState.RELEASED

@@ -26,7 +26,7 @@ class SupplyInput:
     """Input of one step."""
 
     relay: RelayState  # UNKNOWN: the power process does not report
-    may_close: bool  # no torque is held, no procedure runs
+    may_close: bool  # no torque is held, no procedure runs, and the button is released
     must_open: bool  # a stop by the button, or mode sim
     powered: bool | None  # a device reports a supply; None: not known
 

@@ -491,6 +491,11 @@ ROOMS = (
             "tests/loop/test_torque_commands.py",
         ),
     ),
+    Room(
+        "supply",
+        ("twind/loop/procedures/supply_control.py",),
+        ("tests/loop/test_supply_steps.py", "tests/loop/test_measured_supply.py"),
+    ),
 )
 
 

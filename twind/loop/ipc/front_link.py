@@ -7,7 +7,6 @@ that lets the queue fill is killed and started anew; its queue is dropped with i
 import array
 import os
 import socket
-import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,6 +43,7 @@ BEHIND = 1.0
 QUEUE = 512  # queued replies and events; a front that is further behind does not recover
 LARGEST = 8 << 20  # bytes of a trajectory's arrays
 PER_TICK = 64  # commands taken in one tick: a flood waits in the pipe, not in the loop
+ALL = 4096  # commands taken of a front that is gone or is killed: more than a pipe of 2 MiB holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +128,13 @@ class FrontLink:
                 write_line(
                     2, "warning", "twind: the front sends no heartbeat, or takes nothing: it is killed"
                 )
-                self._last_words = self.commands(now)  # of this tick, as below
+                self._last_words = self.commands(now, ALL)  # as below
             self._discard_front(now)
             if behind:  # without a front no reader would ever empty the queue
                 self._queue.clear()
         if self.front.reap():
             # an e-stop that the front still passed on must not be lost, however many commands precede it
-            self._last_words = self.commands(now, sys.maxsize)
+            self._last_words = self.commands(now, ALL)
             self._discard_front(now)
             write_line(2, "warning", f"twind: the front {self.front.fate}; another one is started")
         if self.front.due(now):
@@ -181,6 +181,8 @@ class FrontLink:
                 incoming = self._receive(self.front.socket)
             except BlockingIOError:
                 break
+            except ConnectionResetError:
+                continue  # it died with unread news; reported once, before the commands that it still sent
             except OSError:
                 self._discard_front(now)
                 break

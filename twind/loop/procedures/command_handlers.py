@@ -382,8 +382,7 @@ class CommandHandlers:
     def _cancel(self, command: link.Cancel, now: float) -> None:
         context = self._context
         if context.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
-            self.submissions.stopped.stop(command.client, now)
-            context.executor.stop()
+            self.submissions.stop(command.client, now)
         elif context.procedures.rank is Priority.HOME:
             self.homing.cancel()
         context.reports.reply(command, state=context.condition.state.value)

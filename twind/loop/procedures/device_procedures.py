@@ -21,7 +21,7 @@ from twind.loop.procedures.procedure_runner import Procedure
 from twind.loop.procedures.torque_readback import torque_on, torque_possible
 from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
-from twind_drivers.bus import BusError, NoReply
+from twind_drivers.bus import BusError, DeviceRefused, NoReply
 from twind_drivers.device_registers import RegisterAddress, RestartResult
 
 T = TypeVar("T")
@@ -98,11 +98,14 @@ class DeviceCommands:
             port.writer.write(command.id, command.name, command.value)
         )
         outcome = yield from _outcome(port, task, _register, command.name)
-        done = "was refused" if task.error is not None else "is written"
+        done = "is written" if task.error is None else "was refused"
+        if isinstance(task.error, BusError) and not isinstance(task.error, DeviceRefused):
+            done = "is not confirmed"
         message = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
         context.reports.event("info", EventCode.REGISTER, message)
-        if task.result is not None and task.result.eeprom:
-            # the device may no longer match the robot file, which identification reports at once
+        if kept and (task.error is None or isinstance(task.error, BusError)):
+            # the device may no longer match the robot file, which identification reports at once; also after
+            # a write that was not confirmed
             port.identify()
         return outcome
 

@@ -121,11 +121,9 @@ class SupplyControl:
             self._known_until = inf
             self._patience = LOST
         stops = state in (ButtonState.PRESSED, ButtonState.UNPLUGGED) or now > self._known_until
-        condition = self._context.condition
-        latched = ReasonCode.ESTOP in condition.latches
-        if not stops and not latched:
+        if ReasonCode.ESTOP not in self._context.condition.latches:
             self._stopped_at = None
-        if live and stops and (not latched or self._stopped_at is None or state is not before):
+        if live and stops and (self._stopped_at is None or state is not before):
             reason = BUTTON_TEXT[state]
             finding = Finding(ReasonCode.ESTOP, message=reason)
             self._context.reports.event("error", ReasonCode.ESTOP, reason, (finding,))
@@ -137,11 +135,14 @@ class SupplyControl:
     def _order(self, now: float, sequence: SupplySequence, live: bool) -> None:
         context = self._context
         idle = not context.torque.armed and context.procedures.rank is None
+        released = self._button is None or self.button is ButtonState.RELEASED
         if now - self._looked_at >= LOOK:
             self._looked_at = now
             self._powered = self._measure_supply(now)
         opens = not live or self._is_stop_over(now)
-        sequence.step(now, SupplyInput(self.relay, idle, opens, self._powered))
+        # A relay that is open stays open during a stop: behind it no torque can be read off any more.
+        closes = idle and released and self._stopped_at is None
+        sequence.step(now, SupplyInput(self.relay, closes, opens, self._powered))
         if sequence.fault is not self._reported:
             self._reported = sequence.fault
             context.reports.urgent = True

@@ -73,6 +73,7 @@ class TrajectorySubmissions:
         self._figures = figures
         self._followed: dict[str, link.Submit] = {}
         self._report_at = 0.0
+        self._stops = 0  # requests to stop since the start
 
     # --------------------------------------------------------------------------- trajectories
 
@@ -120,6 +121,7 @@ class TrajectorySubmissions:
         demand = gate.TrajectoryRequest(command.policy, command.append_stop, command.start_in)
         steps = gate.checking(path, before, context.robot.limits, demand, self._gate_input.thresholds, SLICE)
         self._gate_input.busy = True
+        stops = self._stops
         sliced = False
         try:
             while True:
@@ -138,6 +140,9 @@ class TrajectorySubmissions:
         refusals = judged.verdict.refusals
         if sliced and not refusals:
             refusals = self._still_true(command, before, path.commanded, now)
+            if stops != self._stops:
+                message = "the robot was stopped while this was judged: send it again"
+                refusals = (*refusals, Finding(ReasonCode.BUSY, message=message))
         verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
         if verdict.refusals:
             return self._refused(command, verdict, taken, now)
@@ -307,6 +312,12 @@ class TrajectorySubmissions:
 
     # --------------------------------------------------------------------------- outcomes
 
+    def stop(self, client: int, now: float) -> None:
+        """Stop the motion for `client`; a path that is still judged does not begin afterwards."""
+        self._stops += 1
+        self.stopped.stop(client, now)
+        self._context.executor.stop()
+
     def drop_client(self, client: int) -> None:
         """Drop the reports for a connection that closed."""
         for name in [name for name, command in self._followed.items() if command.client == client]:
@@ -344,14 +355,8 @@ class TrajectorySubmissions:
         if command is not None:
             found = [asdict(finding) for finding in findings]
             own = own_time(outcome.stretch)
-            context.reports.reply(
-                command,
-                id=command.id,
-                phase=outcome.phase,
-                progress=outcome.fraction,
-                findings=found,
-                **own,
-            )
+            done = {"progress": outcome.fraction, "findings": found, **own}
+            context.reports.reply(command, id=command.id, phase=outcome.phase, **done)
 
     def _unfollow(self, name: str) -> link.Submit | None:
         command = self._followed.pop(name, None)
