@@ -137,6 +137,7 @@ class Hardware:
         mine = None if among is None else among[bus.joints]
         assert port.writer is not None  # the caller has checked it
         self.left_out[bus.joints] = False if mine is None else ~mine
+        port.prepared = True
         return port.run(port.writer.prepare(ticks(bus, position), mine), urgent=True)
 
     def write_goals(self, position: Floats) -> list[ScriptRun[None]]:
@@ -170,15 +171,14 @@ class Hardware:
         """Run the same script on the writer of every open bus, before anything else there."""
         return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
 
-    def hold(self, on: bool, *, identified: bool = False) -> None:
-        """Send goals to the buses that are open from now on, or to none.
+    def hold(self, on: bool) -> None:
+        """Send goals from now on to the buses that were prepared since they were opened, or to none.
 
-        `identified`: only to identified ones.
+        A bus that was lost and came back while the others were prepared is not among them.
         """
         self.left_out &= on
         for port in self.ports:
-            usable = port.link is PortState.CONNECTED or port.holding or not identified
-            port.holding = on and port.writer is not None and usable
+            port.holding = port.prepared = on and port.writer is not None and port.prepared
 
     @property
     def is_whole(self) -> bool:
