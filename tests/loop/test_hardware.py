@@ -279,3 +279,25 @@ def test_arming_scripts_go_to_every_bus_and_torque_off_does_not_wait() -> None:
     assert not any(task.done for task in slow)
     world.tick(count=20)
     assert all(task.done and task.error is None for task in [*slow, *off])
+
+
+def test_alerts_that_come_and_go_delay_no_script_that_changes_torque() -> None:
+    """Servos at too low a supply on a bad contact: an alert, and every other reply missing."""
+    world = TwoBuses()
+    world.connect()
+    for script in (world.hardware.prepare(np.zeros(6)), world.hardware.torque(True)):
+        world.tick(count=12)
+        assert all(task.done and task.error is None for task in script)
+    left = world.virtual["left"]
+    world.ports[0].alert_register = "hardware_error_status"
+    for id in (1, 2, 3):
+        left.faults.damage(id, 1)
+    world.tick(np.zeros(6), count=20)
+    strong = left.servos["goal_pwm"].tolist()
+    tasks = world.hardware.damp()
+    for tick in range(40):
+        for id in (1, 2, 3):
+            left.faults.silence(id, on=bool((tick + id) % 2))
+        world.tick(np.zeros(6))
+    assert [task.result for task in tasks] == [(), ()]
+    assert all(soft < once for soft, once in zip(left.servos["goal_pwm"], strong, strict=True))

@@ -164,3 +164,27 @@ def test_stops_that_keep_coming_do_not_put_off_the_end_of_the_daemon(live: Rig) 
         live.send(link.EStop, level="cut")
         live.ticks(1)
     assert live.loop.condition.finished
+
+
+def test_a_bus_that_comes_back_while_the_others_are_taken_over_gets_no_goals(make_rig: MakeRig) -> None:
+    """Its tripped servos would refuse them, and the robot would be damped for what they do not follow."""
+    rig = make_rig("h24-split", start={"head_yaw": 0.5})
+    energise(rig)
+    rig.seconds(2.0)
+    rig.send(link.EStop)
+    while rig.loop.procedures.rank is None:
+        rig.ticks(1)
+    rig.ticks(1)
+    lower = rig.virtual["lower"]
+    lower.faults.unplug()
+    rig.virtual["upper"].faults.silence(12)  # the take-over waits for its replies
+    rig.ticks(1)
+    lower.faults.replug()
+    while not rig.loop.torque.armed:
+        rig.ticks(1)
+    there = [port.reader is not None for port in rig.loop.hardware.ports]
+    assert (there, rig.loop.torque.held.tolist()) == ([True, True], [True] * 12 + [False] * 12)
+    rig.seconds(8.0)
+    assert not rig.events("DAMP")
+    assert abs(rig.truth[0] - rig.loop.robot.rest[0]) < 0.05
+    assert not np.delete(on(rig), 11).any()

@@ -339,7 +339,7 @@ def back(rig: ProcedureRig) -> ProcedureRig:
 
 def test_a_bus_that_is_back_is_held_where_it_is_and_the_others_go_on(back: ProcedureRig) -> None:
     assert taken(back)
-    assert back.hardware.log == ["prepare back", "hold True identified"]
+    assert back.hardware.log == ["prepare back", "hold True"]
     assert back.hardware.goals[0].tolist() == (PLACE + 0.05).tolist()
     assert back.hardware.among.all()
     assert back.torque.held.all()
@@ -402,7 +402,7 @@ def test_a_silent_device_on_a_returned_bus_is_reported_and_the_rest_of_it_held(b
     [event] = back.book.events
     assert (event.level, event.code) == ("error", "DEVICE_MISSING")
     assert "(toe)" in event.message
-    assert back.hardware.log[-1] == "hold True identified"
+    assert back.hardware.log[-1] == "hold True"
 
 
 def test_a_returned_bus_that_fails_is_no_reason_to_drop_the_joints_that_are_held(back: ProcedureRig) -> None:

@@ -118,8 +118,8 @@ class ScriptedHardware:
     def clear(self) -> None:
         self.log.append("clear")
 
-    def hold(self, on: bool, *, identified: bool = False) -> None:
-        self.log.append(f"hold {on}" + (" identified" if identified else ""))
+    def hold(self, on: bool) -> None:
+        self.log.append(f"hold {on}")
         self.holding = on
         self.left_out = self.left_out & on
         if on:

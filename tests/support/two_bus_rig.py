@@ -105,6 +105,7 @@ class TwoBuses:
         for port in self.ports:
             port.identification = None
             port.link = PortState.CONNECTED
+            port.prepared = True
         self.hardware.hold(True)
 
     def goals(self) -> list[int]:

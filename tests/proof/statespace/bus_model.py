@@ -59,7 +59,7 @@ class ModelPort:
         self.link = PortState.CLOSED
         self.reader: Any = None
         self.writer: Any = None
-        self.holding = False
+        self.prepared = self.holding = False
         self.devices: Any = ()
         self.identification: Any = None
         self.readings = 9
@@ -163,7 +163,7 @@ class BusModel(ScriptedHardware):
         self.on_loss()
         port.link = PortState.CLOSED
         port.reader = port.writer = port.identification = None
-        port.holding = False
+        port.prepared = port.holding = False
         joints = self.map.buses[number].joints
         self.slow.torque[joints] = -1
         self.truth.tripped[joints] |= self.truth.torque[joints]
@@ -180,6 +180,10 @@ class BusModel(ScriptedHardware):
         self.watch(name, joints)
         if name == "torque True":
             self.truth.energise(joints)
+        for port in self.ports:
+            back = port.link is PortState.CONNECTED and not port.holding
+            if port.writer is not None and (name == "prepare" or (name == "prepare back" and back)):
+                port.prepared = True
         tasks = super()._task(name) if self.writers else []
         self._sent += [(name, joints, task) for task in tasks]
         return tasks
@@ -205,11 +209,10 @@ class BusModel(ScriptedHardware):
     def clear(self) -> None:
         self.fail()
 
-    def hold(self, on: bool, *, identified: bool = False) -> None:
+    def hold(self, on: bool) -> None:
         self.left_out = self.left_out & on
         for port in self.ports:
-            usable = port.link is PortState.CONNECTED or port.holding or not identified
-            port.holding = on and port.writer is not None and usable
+            port.holding = port.prepared = on and port.writer is not None and port.prepared
 
     @property
     def waiting(self) -> tuple[tuple[str, tuple[bool, ...]], ...]:

@@ -41,7 +41,7 @@ def state_key(world: ModelWorld) -> tuple[Any, ...]:
         key.procedure(vars(loop.procedures)["_torque"]),
         tuple(key.procedure(other) for other in vars(loop.procedures)["_others"]),
         tuple(
-            (port.link, port.holding, port.writer is None, port.identification is None)
+            (port.link, port.prepared, port.holding, port.writer is None, port.identification is None)
             for port in hardware.ports
         ),
         key.of(hardware.left_out),

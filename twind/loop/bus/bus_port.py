@@ -88,6 +88,7 @@ class BusPort:
     link: PortState = PortState.CLOSED
     reader: BusReader | None = None
     writer: BusWriter | None = None
+    prepared: bool = False  # its devices were prepared for torque, or are about to be, and not lost since
     holding: bool = False  # goals are written here: armed, and not lost since
     devices: tuple[IdentifiedDevice, ...] = ()
     trouble: str = ""  # why it is not open; text for people
@@ -216,7 +217,7 @@ class BusPort:
             self.reader.transport.close()
             self.tape.record_close(str(error))
         self.reader = self.writer = None
-        self.holding = self._holed = self._missed = False
+        self.prepared = self.holding = self._holed = self._missed = False
         self.link = PortState.CLOSED
         self.devices = ()
         self.beside = ""

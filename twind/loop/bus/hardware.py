@@ -66,8 +66,7 @@ class Hardware:
         self._place = {port.name: number for number, port in enumerate(self.ports)}
         # ticks: whole turns subtracted from goals
         self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]
-        # joints that get no goals until they are prepared
-        self.left_out: Bools = np.zeros(len(joints), np.bool_)
+        self.left_out: Bools = np.zeros(len(joints), np.bool_)  # get no goals until they are prepared
         self.resolution = np.full(len(joints), nan)  # rad per tick
         # rad: goals that may leave (WIRE_CLAMP)
         self.reach = (np.full(len(joints), nan), np.full(len(joints), nan))
@@ -137,6 +136,7 @@ class Hardware:
         mine = None if among is None else among[bus.joints]
         assert port.writer is not None  # the caller has checked it
         self.left_out[bus.joints] = False if mine is None else ~mine
+        port.prepared = True
         return port.run(port.writer.prepare(ticks(bus, position), mine), urgent=True)
 
     def write_goals(self, position: Floats) -> list[ScriptRun[None]]:
@@ -170,15 +170,14 @@ class Hardware:
         """Run the same script on the writer of every open bus, before anything else there."""
         return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
 
-    def hold(self, on: bool, *, identified: bool = False) -> None:
-        """Send goals to the buses that are open from now on, or to none.
+    def hold(self, on: bool) -> None:
+        """Send goals from now on to the buses that were prepared since they were opened, or to none.
 
-        `identified`: only to identified ones.
+        A bus that was lost and came back while the others were prepared is not among them.
         """
         self.left_out &= on
         for port in self.ports:
-            usable = port.link is PortState.CONNECTED or port.holding or not identified
-            port.holding = on and port.writer is not None and usable
+            port.holding = port.prepared = on and port.writer is not None and port.prepared
 
     @property
     def is_whole(self) -> bool:
@@ -250,9 +249,8 @@ class Hardware:
                 if port.writer is not None and port.holding:
                     port.writer.goals(ticks(bus, goal))
                     self.left = True
-        except (
-            WireRangeError
-        ) as error:  # all or nothing: no bus moves on a goal while another refuses its goal
+        except WireRangeError as error:
+            # all or nothing: no bus moves on a goal while another refuses its goal
             self.clamped = error
             self.left = False
             for writer in self.writers:
@@ -316,10 +314,14 @@ class Hardware:
         self._listen(number, bus, sample)
 
     def _listen(self, number: int, bus: JointBusMap, sample: BusSample) -> None:
-        """Read at once the register that explains the alert of each device that begins one (SERVO_ALERT)."""
+        """Read at once the register that explains the alert of each device that begins one (SERVO_ALERT).
+
+        Not while a script that changes torque waits: alerts that come and go would delay it without end.
+        """
         port = self.ports[number]
-        for row in self.readings.alert(number, sample):
-            if port.reader is not None and port.alert_register and not port.full:
+        begun = self.readings.alert(number, sample)
+        for row in begun if port.alert_register and begun and not port.hurried else ():
+            if port.reader is not None and not port.full:
                 port.run(port.reader.read(bus.ids[row], port.alert_register), urgent=True)
 
     def _sense(self, inertial: ImuPoller, end: float) -> None:

@@ -174,7 +174,7 @@ def _rejoin(context: ProcedureContext) -> Steps:
         return
     if back and robot.written is not None:
         place = np.where(hardware.energised_joints, robot.written, here)
-        hardware.hold(True, identified=True)
+        hardware.hold(True)
         context.torque.regain_bus(hardware.energised_joints)
         context.executor.begin(place)
         robot.restart(place)
