@@ -266,6 +266,21 @@ def test_a_joint_that_left_its_rest_before_the_restoring_gets_no_turn_although_i
     assert finding.joint == KNEE and "its turn stays unknown" in finding.message
 
 
+@pytest.mark.parametrize("read", [True, False])
+def test_only_a_joint_that_was_read_until_it_came_to_rest_gets_a_turn(read: bool) -> None:
+    scene = resting()
+    scene.pending.over = False
+    scene.begin()
+    scene.seconds(0.1)
+    if not read:
+        silent(scene)
+    scene.seconds(0.1)
+    scene.pending.over = True
+    scene.seconds(0.5)
+    assert scene.codes() == ([] if read else [ReasonCode.CALIB_MISMATCH])
+    assert bool(scene.turns.places) == read
+
+
 def test_a_joint_whose_last_reading_is_of_the_last_tenth_of_a_second_rests() -> None:
     scene = resting()
     scene.heard = lambda now: now - 0.099

@@ -4,6 +4,7 @@ Whatever the servo counts after its start, the daemon takes the true turn or non
 """
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from tests.support.planar_arm import WAIST
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.config.robot_report import check_robot
+from twind.safety.device_rules import DeviceRules
 
 NEAR = 0.02  # rad
 
@@ -161,6 +163,25 @@ def test_an_obstacle_a_turn_before_its_stop_is_not_taken_for_it(waist: str, off:
         reply = search(rig, "lower")
         assert reply["phase"] == "failed"
         assert "in place of its stop" in reply["findings"][0]["message"]
+        assert np.isnan(stands(rig))
+        assert "CALIB_MISMATCH" in arms(rig)
+
+
+def test_a_servo_that_restarts_while_its_joint_comes_to_rest_gets_no_turn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its clock may be read too late: silence is all that shows the restart."""
+    monkeypatch.setattr(DeviceRules, "_restarts", lambda *_: iter(()))
+    with started(long_waist_in(tmp_path, 6.0), -1.2, replace(PLAIN, turns=1)) as rig:
+        place = rig.names.index(WAIST)
+        rig.send(link.FindStop, joint=place, side="lower", speed=0.5, times=2)
+        for _ in range(12_000):
+            rig.ticks(1)
+            pending = rig.loop.commands.homing.unrestored
+            if pending is not None and pending.captures and not rig.loop.torque.energising:
+                break
+        rig.virtual["main"].faults.brown_out(rig.robot.joints[place].id)
+        rig.seconds(4.0)
         assert np.isnan(stands(rig))
         assert "CALIB_MISMATCH" in arms(rig)
 

@@ -44,7 +44,8 @@ class EndstopSearchRecord:
     shift: int = 0  # counts: calibrated count minus raw, in the present mode
     looked_after: bool = False  # True from agreeing readings until the search begins: an old reading ends it
     rest: int | None = None  # calibrated count at which it rests afterwards; None: its turn was known before
-    left_rest: bool = False  # since then it moved or was silent: it may be on another turn
+    # since then it moved, or it was silent since the first write: its count may be of another turn
+    left_rest: bool = False
     powered: float | None = None  # s, when torque was read back on
     over: bool = False  # the search has ended, and its torque too, or another procedure takes it
     answered: bool = False
@@ -64,7 +65,8 @@ def give_back(
     never be.
     """
     while not pending.over:
-        yield
+        now = yield
+        pending.left_rest = pending.left_rest or not _is_read(context, pending, now)
     steps = _give_back(context, pending, verified, restored)
     try:
         next(steps)
@@ -103,10 +105,14 @@ def _give_back(
 def _rests(context: ProcedureContext, pending: EndstopSearchRecord, rest: int, now: float) -> bool:
     """Check that the joint still rests at the count `rest`, whatever turn its mode counts from."""
     aim = pending.request
-    raw = context.hardware.readings.raw
+    raw = int(context.hardware.readings.raw.ticks[aim.joint])
     place = StatedPlace(rest, RESTED, RESTING)
-    read = now - float(raw.heard_at[aim.joint]) <= LOST
-    return read and place.contradiction(aim.joint, int(raw.ticks[aim.joint]), aim.turn) is None
+    return _is_read(context, pending, now) and place.contradiction(aim.joint, raw, aim.turn) is None
+
+
+def _is_read(context: ProcedureContext, pending: EndstopSearchRecord, now: float) -> bool:
+    """Check that the joint is read: after a silence its servo may have restarted, on another turn."""
+    return now - float(context.hardware.readings.raw.heard_at[pending.request.joint]) <= LOST
 
 
 def _turn_kept(
@@ -127,7 +133,7 @@ def _turn_kept(
         verified.withdraw([joint])
         if verified.turn_known[joint]:
             return ()
-    message = "it moved while its mode was restored, or does not answer: its turn stays unknown"
+    message = "it moved or was silent before its mode was restored, or is silent: its turn stays unknown"
     return (against or Finding(ReasonCode.CALIB_MISMATCH, joint, message=message),)
 
 
