@@ -390,12 +390,13 @@ def test_eprom_is_refused_under_torque_and_what_is_not_its_to_write() -> None:
             rig.beside(rig.writer.write(2, name, 1))
 
 
-def test_a_value_that_a_servo_ignores_is_noticed_by_reading_back() -> None:
+@pytest.mark.parametrize(("name", "value"), [("acceleration", 50), ("homing_offset", -100)])
+def test_a_value_that_a_servo_ignores_is_noticed_by_reading_back(name: str, value: int) -> None:
     rig = rig_of()
     rig.positions()
     rig.servos.write = lambda *_: None  # type: ignore[method-assign]
     with pytest.raises(DeviceRefused, match="reads"):
-        rig.beside(rig.writer.write(2, "acceleration", 50))
+        rig.beside(rig.writer.write(2, name, value))
 
 
 @pytest.mark.parametrize(

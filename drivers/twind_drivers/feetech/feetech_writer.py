@@ -82,7 +82,7 @@ class FeetechWriter(RegisterWriter):
     def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[set[int]]:
         state = yield from self._settings(ids)
         holding = {id for id in ids if state[id]["torque_enable"]}
-        yield from self._set([(id, "lock", 1) for id in ids if not state[id]["lock"]])
+        yield from self._set(self._before_gains(ids))
         rows: list[Row] = []
         for id in ids:
             own = self._reader.maps[id]
@@ -140,4 +140,3 @@ class FeetechWriter(RegisterWriter):
             self._check.unlocked = None
             # A script that is closed here leaves the lock open; `prepare` closes it before torque.
         yield from self._write(id, lock, 1)
-        yield from self._verify([(id, field.name, value)])
