@@ -155,8 +155,10 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         (
             "device: XM430-W350",
             "device: XM999",
-            ":9:16: types.xm.device: XM999 is no known model; nearest of kind dynamixel2: XM430-W",
+            ":9:16: types.xm.device: XM999 is no known model; nearest: XM430-W",
         ),
+        ("device: XM430-W350", "device: XL430", "XL430 is no known model; nearest: XL430-W250"),
+        ("device: XM430-W350", "device: STS3251", "STS3251 is no known model; nearest: STS3215"),
         (
             "{shutdown: 52}",
             "{shutdwn: 52}",

@@ -40,7 +40,7 @@ def test_every_joint_has_a_row_with_its_limits_and_counts() -> None:
     assert "-0.1 .. 2.2" in rows["l_knee"]
     assert "1983 .. 3482" in rows["l_knee"]
     assert "2113 .. 614" in rows["r_knee"]  # turns the other way
-    assert any("not calibrated" in line for line in report.lines)
+    assert any("no calibration is read" in line for line in report.lines)
 
 
 def test_open_items_are_listed() -> None:
@@ -49,6 +49,16 @@ def test_open_items_are_listed() -> None:
     assert "joints.l_knee.sign, poses.rest: mode live is refused" in line
     assert report.errors == ()
     assert not any(each.startswith("open: ") for each in check_robot(ROBOT).lines)
+
+
+def test_a_type_without_a_watchdog_that_the_file_does_not_accept_is_a_warning() -> None:
+    arm = load_robot("so101")
+    assert not any("watchdog" in line for line in check_robot(arm).lines)
+    kinds = {joint.type.name: replace(joint.type, watchdog="") for joint in arm.joints}
+    report = check_robot(replace(arm, joints=tuple(replace(j, type=kinds[j.type.name]) for j in arm.joints)))
+    found = [line for line in report.lines if "watchdog" in line]
+    assert len(found) == len(kinds) and report.errors == ()
+    assert found[0].startswith("warning: a STS3215 has no watchdog") and "`watchdog: none`" in found[0]
 
 
 def test_counts_follow_the_calibration() -> None:

@@ -4,7 +4,7 @@ Every joint is driven once, by an actuator of its own or by one transmission; ev
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from twind.config.actuator_types import TypeSpec
 from twind.config.bus_config import NAME
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
-from twind.config.driver_family import DriverFamily, SlotEntry, family, family_of
+from twind.config.driver_family import DriverFamily, SlotEntry, families, family, family_of
 from twind.config.family_keys import Acceleration, FollowRad, FollowTime, SlotKeys, Speed
 from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
@@ -132,12 +132,13 @@ def _read_type(name: str, entry: ConfigReader, here: Sequence[DriverFamily]) -> 
     try:
         return driver.read_type(name, entry)
     except ConfigError as error:
-        if error.path.endswith(".device"):
-            raise
+        refused = error.path.endswith(".device")
         if not driver.knows(device):
-            near = _nearest(device.upper(), here[0].models())
-            message = f"{device} is no known model; nearest of kind {here[0].kind}: {', '.join(near)}"
-        elif driver not in here:
+            if refused and "near: " in error.message:
+                raise
+            message = error.message if refused else f"{device} is no known model"
+            message += f"; nearest: {', '.join(_nearest(device.upper(), here))}"
+        elif driver not in here and not refused:
             kinds = ", ".join(each.kind for each in here)
             message = f"{device} is for buses of kind {driver.kind}; the buses here are of kind {kinds}"
         else:
@@ -145,13 +146,14 @@ def _read_type(name: str, entry: ConfigReader, here: Sequence[DriverFamily]) -> 
         raise entry.refuse("device", message) from None
 
 
-def _nearest(device: str, models: Collection[str]) -> list[str]:
+def _nearest(device: str, here: Sequence[DriverFamily]) -> list[str]:
     """Return three models whose first characters are most like the device's: it may be a short name."""
 
     def difference(name: str) -> float:
-        return 1.0 - SequenceMatcher(None, device, name[: len(device)]).ratio()
+        return 1.0 - SequenceMatcher(None, device, name[: len(device)].upper()).ratio()
 
-    return sorted(sorted(models), key=difference)[:3]
+    models = dict.fromkeys(name for each in (*here, *families()) for name in sorted(each.models()))
+    return sorted(models, key=difference)[:3]
 
 
 def _with_follow(kind: TypeSpec, section: ConfigReader) -> TypeSpec:

@@ -13,6 +13,7 @@ from twind.config.counts import slot_angles, ticks_of
 from twind.config.cycle_budget import budgets
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
 from twind.config.travel import has_middle, is_long, travel_refusal
+from twind.config.unwatched_type import UnwatchedType
 
 HEADINGS = (
     "joint",
@@ -47,7 +48,7 @@ def check_robot(
     zeros = [known[j.actuator].zero_ticks if j.actuator in known else j.type.centre for j in robot.joints]
     rows = [_row(joint, zero) for joint, zero in zip(robot.joints, zeros, strict=True)]
     cycle = budgets(robot, rate)
-    zero = "calibrated" if calibration is not None else "taken at mid-encoder: not calibrated"
+    zero = "calibrated" if calibration is not None else "taken at mid-encoder: no calibration is read here"
     lines = [
         f"{robot.name}: {_amount(len(robot.joints), 'joint', 'joints')}, "
         f"{_amount(len(robot.buses), 'bus', 'buses')}, support {robot.support}, "
@@ -57,6 +58,7 @@ def check_robot(
         *_table([HEADINGS, *rows]),
         *(line for each in robot.transmissions for line in _driven(robot, each, zeros)),
         *_open_items(robot),
+        *_unaccepted(robot),
         *_unfenced(robot),
         *_long_travels(robot),
         *(line for each in cycle for line in each.lines),
@@ -78,6 +80,17 @@ def _open_items(robot: RobotFile) -> list[str]:
         return []
     refused = "mode live is refused until `twindctl robot finish` has settled them"
     return [f"open: {', '.join(robot.todo)}: {refused}"]
+
+
+def _unaccepted(robot: RobotFile) -> list[str]:
+    """Types without a watchdog that the file does not accept: their devices are refused at identification."""
+    kinds = {joint.type.name: joint.type for joint in robot.joints}.values()
+    unwatched = [kind for kind in kinds if isinstance(kind, UnwatchedType)]
+    return [
+        f"warning: a {kind.device} {text}; mode live is refused until then"
+        for kind in unwatched
+        for text in kind.unaccepted()
+    ]
 
 
 def _unfenced(robot: RobotFile) -> list[str]:

@@ -78,8 +78,7 @@ def dynamixel1_type(name: str, section: ConfigReader) -> Dynamixel1Type:
     given = section.read(Dynamixel1TypeKeys)
     known = models().get(given.device)
     if known is None:
-        text = f"{given.device} is no model of Protocol 1.0: {', '.join(sorted(models()))}"
-        raise section.refuse("device", text)
+        raise section.refuse("device", f"{given.device} is no known model of Protocol 1.0")
     require_even_delay(section, given.return_delay_us)
     strange = [
         each

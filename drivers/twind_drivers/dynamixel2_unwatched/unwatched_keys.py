@@ -15,7 +15,7 @@ from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, heat, supply
 from twind.config.unwatched_type import UnwatchedTypeKeys
 from twind_drivers.dynamixel.servo_keys import ServoSlotKeys, servo_bus
-from twind_drivers.dynamixel2_unwatched.unwatched_models import PRO_R, find_model, models
+from twind_drivers.dynamixel2_unwatched.unwatched_models import PRO_R, find_model
 from twind_drivers.dynamixel2_unwatched.unwatched_registers import layout_of
 from twind_drivers.dynamixel2_unwatched.unwatched_servo_type import (
     FULL,
@@ -70,8 +70,7 @@ def unwatched_servo_type(name: str, section: ConfigReader) -> UnwatchedServoType
     given = section.read(UnwatchedServoTypeKeys)
     known = find_model(given.device)
     if known is None:
-        text = f"{given.device} is not driven: known are {', '.join(sorted(models()))}"
-        raise section.refuse("device", text)
+        raise section.refuse("device", f"{given.device} is no known model of a servo without a watchdog")
     require_even_delay(section, given.return_delay_us)
     layout = layout_of(known.table)
     for register, value in given.gains.registers().items():

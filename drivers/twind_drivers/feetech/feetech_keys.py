@@ -69,7 +69,7 @@ def feetech_type(name: str, section: ConfigReader) -> FeetechType:
     given = section.read(FeetechTypeKeys)
     known = models().get(given.device)
     if known is None:
-        raise section.refuse("device", f"{given.device} is no Feetech model: {', '.join(sorted(models()))}")
+        raise section.refuse("device", f"{given.device} is no known Feetech model")
     own = register_map(known.map)
     return FeetechType(
         name=name,
