@@ -22,6 +22,7 @@ from tests.support.doctor_surveys import (
     survey_findings,
 )
 from twind.client import CallError, Client
+from twind.config.robot_file import load_robot
 from twind.doctor import runner
 from twind.doctor.check import (
     DoctorFinding,
@@ -30,6 +31,7 @@ from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
+from twind_drivers.servo_tools.bus_scan import old_protocol
 from twind_drivers.servo_tools.doctor.serial_bus_survey import SerialBusSurvey
 
 
@@ -113,6 +115,22 @@ def test_scan_is_advised_on_the_free_port_or_through_the_daemon(tmp_path: Path) 
         assert beside.code == code and "`twindctl scan main`" in beside.advice
         stop = "`sudo systemctl stop twind twind-control.socket twind-observe.socket`"
         assert beside.advice.index(stop) < beside.advice.index("`twindctl scan --port /dev/ttyUSB0`")
+
+
+def test_servos_of_protocol_1_may_be_those_of_another_bus_whose_port_was_exchanged() -> None:
+    arm = load_robot("so101")
+    robot = replace(ROBOT, buses=(*ROBOT.buses, replace(arm.buses[0], name="arm")))
+    joints = tuple(replace(joint, bus="arm", name=f"arm_{joint.name}") for joint in arm.joints)
+    robot = replace(robot, joints=(*ROBOT.joints, *joints))
+    for ids, owner in (((1, 2), True), ((1, 40), False)):
+        survey = SerialBusSurvey(
+            ROBOT.buses[0], "/dev/ttyUSB0", (), ROBOT.joints[:2], troubles=(old_protocol(ids),)
+        )
+        seen = CheckContext(HostInspector(), "twind.service", robot=robot, surveys={"main": survey})
+        checks = [check for check in CHECKS if "BUS_SILENT" in check.codes]
+        (found,) = runner.run(seen, checks, runner.table()).found
+        assert found.code == "BAUD_WRONG" and f"ids {ids[0]}, {ids[1]}" in found.measured
+        assert ("exchange the ports" in found.advice and "bus arm" in found.advice) == owner
 
 
 @pytest.mark.parametrize("message", ["x", "main: no reply to ping from [1]"])

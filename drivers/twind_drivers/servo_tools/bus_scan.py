@@ -98,8 +98,8 @@ def old_protocol(ids: Sequence[int]) -> ScanFault:
     return ScanFault(
         ScanFaultKind.OLD,
         what,
-        "describe them on a bus of kind dynamixel1 or feetech, or set them to protocol 2.0 (register 13) "
-        "where they have it",
+        "describe them on a bus of kind dynamixel1 or feetech, or set Dynamixel servos that have it to "
+        "protocol 2.0 (register 13)",
         tuple(ids),
     )
 

@@ -3,9 +3,10 @@
 Rows that a CAN bus shares are here; its checks are in `can_bus.py`. Each check reads the surveys alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from statistics import median
 
+from twind.config.robot_spec import RobotFile
 from twind.ctl.instance_paths import stop
 from twind.doctor.check import (
     ALONE,
@@ -32,6 +33,7 @@ BUSES = "serial buses"  # subject in the report
 LOST = 0.01  # share of lost or garbled replies above which a line is noisy
 LEAST = 3  # lost or garbled replies below which no finding is made
 LATE = 0.001  # s that a servo's quickest reply may be later than the others'
+CHECKSUM_KINDS = ("dynamixel1", "feetech")  # buses of servos with the framing of Protocol 1.0
 POWER = "is the power on, is the data line plugged in, is it the right port? "
 CABLE = "look at its cable and power, and at its id: "
 ODD = 0.1  # share of g: zero offsets of cheap sensors are 0.05 to 0.08 on an axis
@@ -156,10 +158,11 @@ def check_line(context: CheckContext) -> Iterator[DoctorFinding]:
     """BUS_SILENT, BUS_TALK, BUS_NOISE; BAUD_WRONG by protocol 1.0."""
     for survey in serial_surveys(context):
         thing = _bus(survey)
-        if not survey.servos and not survey.other_rates and survey.missing:
+        kinds = {trouble.kind for trouble in survey.troubles}
+        answered = survey.servos or survey.other_rates or ScanFaultKind.OLD in kinds
+        if not answered and survey.missing:
             text = "no answer at any baud rate" if context.daemon is None else "no answer"
             yield DoctorFinding("BUS_SILENT", thing, text, advice=POWER + _scan(context, survey))
-        kinds = {trouble.kind for trouble in survey.troubles}
         if ScanFaultKind.TALK in kinds:
             yield DoctorFinding("BUS_TALK", thing, "bytes without a request", "silence")
         if ScanFaultKind.ECHO in kinds:
@@ -168,10 +171,19 @@ def check_line(context: CheckContext) -> Iterator[DoctorFinding]:
             yield DoctorFinding("BUS_NOISE", thing, text, "the reply alone", advice=advice)
         for trouble in survey.troubles:
             if trouble.kind is ScanFaultKind.OLD:
-                text = f"protocol 1.0 answers of ids {', '.join(map(str, trouble.ids))}"
-                advice = "set protocol 2.0 by the vendor's tool (register 13), if the model has it"
-                yield DoctorFinding("BAUD_WRONG", thing, text, "protocol 2.0", advice=advice)
+                yield _other_protocol(context.need_robot(), survey, trouble.ids)
         yield from _noise(survey)
+
+
+def _other_protocol(robot: RobotFile, survey: SerialBusSurvey, ids: Sequence[int]) -> DoctorFinding:
+    """Return BAUD_WRONG for servos that answer with the framing of Protocol 1.0, which Feetech has too."""
+    text = f"protocol 1.0 answers of ids {', '.join(map(str, ids))}"
+    advice = "set protocol 2.0 by the vendor's tool (register 13), if it is a Dynamixel that has it"
+    for bus in robot.buses:
+        here = {joint.id for joint in robot.joints if joint.bus == bus.name}
+        if bus.kind in CHECKSUM_KINDS and here.issuperset(ids):
+            advice = f"exchange the ports if these are the servos of bus {bus.name}; else {advice}"
+    return DoctorFinding("BAUD_WRONG", _bus(survey), text, "protocol 2.0", advice=advice)
 
 
 def _noise(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
