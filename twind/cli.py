@@ -69,7 +69,9 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument("--version", action="version", version=f"twind {__version__}")
     result.add_argument(
-        "--config", metavar="FILE", help="settings (default /etc/twind/twind.yaml when it is there)"
+        "--config",
+        metavar="FILE",
+        help="settings (default: /etc/twind/twind.yaml as root, else ~/.config/twind/twind.yaml)",
     )
     result.add_argument("--mode", choices=[mode.value for mode in Mode], help="sim, mirror (default) or live")
     result.add_argument("--robot", metavar="NAME|FILE", help="built-in robot or robot file (default h24)")

@@ -40,6 +40,20 @@ def test_each_warning_of_a_port_is_a_line_below_its_bus_in_full() -> None:
     ]
 
 
+def test_torque_that_was_found_on_has_a_line_with_what_can_be_done() -> None:
+    found = status(None)
+    assert not [each for each in status_lines(found) if each.startswith("torque ")]
+    found["inherited"] = True
+    (line,) = [each for each in status_lines(found) if each.startswith("torque ")]
+    assert "twindctl arm" in line and "twindctl disarm" in line
+
+
+def test_ticks_are_counted_with_the_missed_ones() -> None:
+    found = status(None)
+    found["loop"] |= {"ticks": 60, "missed": 90}
+    assert any("90 of 150 ticks missed" in line for line in status_lines(found))
+
+
 def test_a_simulated_robot_shows_no_bus_no_latency_and_no_missing_connection() -> None:
     answer = status(None) | {"mode": "sim", "state": "disconnected"}
     answer["buses"][0] |= {"connected": False, "port": None}

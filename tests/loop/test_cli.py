@@ -31,6 +31,14 @@ def test_a_bare_port_is_that_of_the_only_bus() -> None:
     assert bus_ports(settings("/dev/ttyUSB0"), ["main"], {"main": None}) == {"main": "/dev/ttyUSB0"}
 
 
+def test_two_buses_on_one_port_are_refused_also_by_a_link_to_it(tmp_path: Path) -> None:
+    link = tmp_path / "legs"
+    link.symlink_to("/dev/ttyUSB0")
+    for given in (["legs=/dev/ttyUSB0", "arms=/dev/ttyUSB0"], [f"legs={link}"]):
+        with pytest.raises(InvalidInput, match="buses legs and arms have the same port /dev/ttyUSB0"):
+            bus_ports(settings(*given), TWO, {"legs": None, "arms": "/dev/ttyUSB0"})
+
+
 def test_a_bare_port_of_several_buses_is_refused_with_what_to_type() -> None:
     with pytest.raises(InvalidInput, match="2 buses, say which: --port legs=PORT --port arms=PORT"):
         bus_ports(settings("/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
@@ -47,12 +55,12 @@ def test_a_bus_that_the_robot_does_not_have_is_answered_with_those_it_has() -> N
 
 
 def test_the_command_line_wins_over_the_settings_and_they_over_the_robot_file() -> None:
-    described = {"legs": "/dev/robot", "arms": "/dev/robot"}
+    described = {"legs": "/dev/robot_0", "arms": "/dev/robot_1"}
     assert bus_ports(settings(), TWO, described) == described
-    of_file = settings(file={"arms": "/dev/file", "legs": "/dev/file"})
-    assert bus_ports(of_file, TWO, described) == {"legs": "/dev/file", "arms": "/dev/file"}
-    both = settings("legs=/dev/line", file={"arms": "/dev/file", "legs": "/dev/file"})
-    assert bus_ports(both, TWO, described) == {"legs": "/dev/line", "arms": "/dev/file"}
+    named = {"arms": "/dev/file_1", "legs": "/dev/file_0"}
+    assert bus_ports(settings(file=named), TWO, described) == named
+    both = settings("legs=/dev/line", file=named)
+    assert bus_ports(both, TWO, described) == {"legs": "/dev/line", "arms": "/dev/file_1"}
     assert bus_ports(settings("/dev/line", file={"main": "/dev/file"}), ["main"], {"main": None}) == {
         "main": "/dev/line"
     }

@@ -144,7 +144,20 @@ def bus_ports(
             named = " ".join(f"--port {bus}=PORT" for bus in buses)
             raise InvalidInput(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
         ports[buses[0]] = bare
-    return {name: _absolute(port) for name, port in ports.items()}
+    found = {name: _absolute(port) for name, port in ports.items()}
+    if settings.ports or settings.mode != "sim":
+        _refuse_shared(found)
+    return found
+
+
+def _refuse_shared(ports: Mapping[str, str | None]) -> None:
+    """Refuse two buses on one port, whatever names or links of it they have."""
+    owners: dict[str, str] = {}
+    for bus, port in ports.items():
+        if port is not None:
+            first = owners.setdefault(os.path.realpath(port), bus)
+            if first != bus:
+                raise InvalidInput(f"buses {first} and {bus} have the same port {port}: give each its own")
 
 
 def _absolute(port: str | None) -> str | None:

@@ -197,6 +197,18 @@ def family_of(device: str, here: Sequence[DriverFamily] = ()) -> DriverFamily:
     return known[0] if known else max((*here, *others), key=lambda each: _similarity(device, each))
 
 
+def unknown_model(device: str) -> str:
+    """Return the refusal of a misspelt device, with three models of all families that begin most like it."""
+    wanted = device.upper()
+
+    def difference(name: str) -> float:
+        return 1.0 - SequenceMatcher(None, wanted, name[: len(wanted)].upper()).ratio()
+
+    models = dict.fromkeys(name for each in families() for name in sorted(each.models()))
+    near = ", ".join(sorted(models, key=difference)[:3])
+    return f"{device} is no known model; nearest: {near}"
+
+
 def _similarity(device: str, driver: DriverFamily) -> float:
     """Similarity of a misspelt device to the nearest model of a family, 0 to 1."""
     return max(SequenceMatcher(None, device.upper(), each.upper()).ratio() for each in driver.models())

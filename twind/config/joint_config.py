@@ -6,7 +6,6 @@ Every joint is driven once, by an actuator of its own or by one transmission; ev
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ import numpy as np
 from twind.config.actuator_types import TypeSpec
 from twind.config.bus_config import NAME
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
-from twind.config.driver_family import DriverFamily, SlotEntry, families, family, family_of
+from twind.config.driver_family import DriverFamily, SlotEntry, family, family_of, unknown_model
 from twind.config.family_keys import Acceleration, FollowRad, FollowTime, SlotKeys, Speed
 from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
@@ -132,28 +131,16 @@ def _read_type(name: str, entry: ConfigReader, here: Sequence[DriverFamily]) -> 
     try:
         return driver.read_type(name, entry)
     except ConfigError as error:
-        refused = error.path.endswith(".device")
+        if error.path.endswith(".device"):
+            raise
         if not driver.knows(device):
-            if refused and "near: " in error.message:
-                raise
-            message = error.message if refused else f"{device} is no known model"
-            message += f"; nearest: {', '.join(_nearest(device.upper(), here))}"
-        elif driver not in here and not refused:
+            message = unknown_model(device)
+        elif driver not in here:
             kinds = ", ".join(each.kind for each in here)
             message = f"{device} is for buses of kind {driver.kind}; the buses here are of kind {kinds}"
         else:
             raise
         raise entry.refuse("device", message) from None
-
-
-def _nearest(device: str, here: Sequence[DriverFamily]) -> list[str]:
-    """Return three models whose first characters are most like the device's: it may be a short name."""
-
-    def difference(name: str) -> float:
-        return 1.0 - SequenceMatcher(None, device, name[: len(device)].upper()).ratio()
-
-    models = dict.fromkeys(name for each in (*here, *families()) for name in sorted(each.models()))
-    return sorted(models, key=difference)[:3]
 
 
 def _with_follow(kind: TypeSpec, section: ConfigReader) -> TypeSpec:

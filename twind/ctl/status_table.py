@@ -19,6 +19,7 @@ from twind.robot.recovery_steps import THEN, UNKNOWN, reported_torque, reset_ste
 
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 UNWATCHED = "if the daemon dies, they drive on to their last goal and hold it"
+INHERITED = "torque   was found on: `twindctl arm` takes it over, `twindctl disarm` lowers the robot"
 SHOWN = 3  # names in one line
 SILENT = 500.0  # ms without a reply after which a joint is named; its torque is unknown by then
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
@@ -45,6 +46,8 @@ def status_lines(status: StatusMessage, joints: Sequence[JointMessage] = ()) -> 
     ]
     held = "free" if lease is None else f"{lease['holder']}, for {lease['expires_in']:.2f} s"
     lines = [" · ".join([*head, *flags]), f"lease    {held}"]
+    if status["inherited"]:
+        lines.append(INHERITED)
     if status["mode"] != Mode.SIM:  # no bus, so no latency
         lines.append(f"latency  {latency_text(status)}")
     lines.append(f"loop     {loop_text(loop)}")
@@ -150,7 +153,8 @@ def latency_text(status: StatusMessage) -> str:
 def loop_text(loop: LoopMessage) -> str:
     """Format the rate of the loop, lateness and number of missed ticks, and the scheduler."""
     late = f"late p50 {_us(loop['late_p50_us'])}, p99 {_us(loop['late_p99_us'])}"
-    text = f"{loop['rate_hz']:g} Hz, {late}; {loop['missed']} of {loop['ticks']} ticks missed"
+    total = loop["ticks"] + loop["missed"]
+    text = f"{loop['rate_hz']:g} Hz, {late}; {loop['missed']} of {total} ticks missed"
     scheduler = (loop.get("realtime") or {}).get("scheduler")
     if scheduler is None:  # an older daemon
         return text

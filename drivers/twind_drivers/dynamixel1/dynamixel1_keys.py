@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from twind.config.actuator_types import TypeSpec
 from twind.config.config_reader import ConfigReader
-from twind.config.driver_family import BudgetRequest, SlotEntry
+from twind.config.driver_family import BudgetRequest, SlotEntry, unknown_model
 from twind.config.family_keys import BusKeys, SlotKeys, Speed
 from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, heat, supply
@@ -78,7 +78,7 @@ def dynamixel1_type(name: str, section: ConfigReader) -> Dynamixel1Type:
     given = section.read(Dynamixel1TypeKeys)
     known = models().get(given.device)
     if known is None:
-        raise section.refuse("device", f"{given.device} is no known model of Protocol 1.0")
+        raise section.refuse("device", unknown_model(given.device))
     require_even_delay(section, given.return_delay_us)
     strange = [
         each

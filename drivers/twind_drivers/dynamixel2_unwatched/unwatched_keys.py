@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from twind.config.actuator_types import TypeSpec
 from twind.config.config_reader import ConfigReader
-from twind.config.driver_family import SlotEntry
+from twind.config.driver_family import SlotEntry, unknown_model
 from twind.config.family_keys import Speed
 from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, heat, supply
@@ -70,7 +70,7 @@ def unwatched_servo_type(name: str, section: ConfigReader) -> UnwatchedServoType
     given = section.read(UnwatchedServoTypeKeys)
     known = find_model(given.device)
     if known is None:
-        raise section.refuse("device", f"{given.device} is no known model of a servo without a watchdog")
+        raise section.refuse("device", unknown_model(given.device))
     require_even_delay(section, given.return_delay_us)
     layout = layout_of(known.table)
     for register, value in given.gains.registers().items():

@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from twind.config.actuator_types import TypeSpec
 from twind.config.config_reader import ConfigReader
-from twind.config.driver_family import BudgetRequest, SlotEntry
+from twind.config.driver_family import BudgetRequest, SlotEntry, unknown_model
 from twind.config.family_keys import BusKeys, SlotKeys, Speed
 from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, heat, supply
@@ -69,7 +69,7 @@ def feetech_type(name: str, section: ConfigReader) -> FeetechType:
     given = section.read(FeetechTypeKeys)
     known = models().get(given.device)
     if known is None:
-        raise section.refuse("device", f"{given.device} is no known Feetech model")
+        raise section.refuse("device", unknown_model(given.device))
     own = register_map(known.map)
     return FeetechType(
         name=name,
