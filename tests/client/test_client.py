@@ -139,6 +139,11 @@ def test_a_refusal_carries_every_finding(dial: Dial) -> None:
             "no mode 'fly'; known: sim, live",
         ),
         (
+            "NotFound",
+            {"what": "bus", "name": "", "known": ["arm", "legs"]},
+            "name a bus: arm, legs",
+        ),
+        (
             "WrongState",
             {"state": "armed", "allowed": ["disarmed"]},
             "not in this state: armed; needs: disarmed",

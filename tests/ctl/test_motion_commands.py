@@ -91,6 +91,23 @@ def test_a_motion_that_ended_early_shows_where_its_joints_are(
     assert capsys.readouterr().out == "aborted at 100%; now at pan -0.200 rad\n"
 
 
+@pytest.mark.parametrize(
+    ("mode", "end"), [("live", ""), ("mirror", "; in the simulation alone: mode mirror")]
+)
+def test_a_motion_in_mode_mirror_says_that_no_actuator_moved(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], mode: str, end: str
+) -> None:
+    daemon = StandIn("succeeded")
+    monkeypatch.setattr(daemon, "call", lambda *_, **__: {"status": {"mode": mode}})
+    monkeypatch.setattr(motion_commands, "operator", lambda _: daemon)
+    monkeypatch.setattr(motion_commands, "asked_motion", lambda *_: MOTION)
+    options = argparse.Namespace(
+        motion="swing", approach=False, retime=False, take=False, json=False, verb="play", socket=None
+    )
+    assert PLAY.run(options) == 0
+    assert capsys.readouterr().out.startswith(f"succeeded at 100%{end}")
+
+
 def test_a_motion_that_a_fall_ended_shows_the_next_commands(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

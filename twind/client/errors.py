@@ -129,6 +129,8 @@ def finding_lines(findings: Sequence[FindingMessage], mark: str) -> list[str]:
 
 def _not_found(p: Mapping[str, Any]) -> str:
     known = ", ".join(map(str, p["known"]))
+    if known and not p["name"]:
+        return f"name a {p['what']}: {known}"
     return f"no {p['what']} {p['name']!r}" + (f"; known: {known}" if known else "")
 
 

@@ -31,6 +31,7 @@ from twind.command_line.verb import (
     show,
 )
 from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode
 from twind.robot.recovery_steps import reported_torque
 from twind.robot_client.require_armed import stopped_text
 from twind_drivers.clock import MonotonicClock
@@ -148,6 +149,8 @@ def _run(client: Client, trajectories: Sequence[dict[str, Any]], options: argpar
             if not done:
                 place = _place_text(client, trajectory.get("joint_names") or ())
                 break
+    if done and not options.json:
+        place = _mirror_text(client)
     code = DONE if done else INTERRUPTED if interrupted.is_set() else REFUSED
     if options.json:
         return code
@@ -168,6 +171,14 @@ def _place_text(client: Client, joints: Sequence[str]) -> str:
     place = f"; now at {', '.join(known[:SHOWN])}{rest} rad" if known else ""
     stop = stopped_text(answer["status"]) if answer.get("status") else ""
     return place + (f"\n{stop}" if stop else "")
+
+
+def _mirror_text(client: Client) -> str:
+    """Return that no actuator moved, in mode mirror."""
+    with contextlib.suppress(ClientError):
+        if client.call("GetStatus").get("status", {}).get("mode") == Mode.MIRROR:
+            return "; in the simulation alone: mode mirror moves no actuator"
+    return ""
 
 
 def _status_after_stop(client: Client) -> Mapping[str, Any]:
