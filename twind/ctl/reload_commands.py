@@ -14,11 +14,14 @@ from twind.command_line.verb import (
     operator,
     show,
 )
+from twind.ctl.instance_paths import restart
 
 
-def _reload_text(_options: argparse.Namespace, answer: Mapping[str, Any]) -> str:
+def _reload_text(options: argparse.Namespace, answer: Mapping[str, Any]) -> str:
     lines = [f"in force: {key}" for key in answer["applied"]]
     lines += [f"needs a restart: {key}" for key in answer["needs_restart"]]
+    if answer["needs_restart"]:
+        lines.append(f"restart the daemon, disarmed: `{restart(options.socket)}` where it is the service")
     return "\n".join(lines or ["nothing has changed"])
 
 

@@ -134,7 +134,8 @@ def check_loaded_files(context: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def _changed(thing: str, text: str) -> DoctorFinding:
-    return DoctorFinding("VERSION_DIFFERS", thing, text, command="twindctl reload")
+    advice = "where that answers `needs a restart`: restart the daemon, disarmed"
+    return DoctorFinding("VERSION_DIFFERS", thing, text, command="twindctl reload", advice=advice)
 
 
 def _is_calibration(context: CheckContext, file: str) -> bool:

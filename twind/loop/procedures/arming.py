@@ -131,7 +131,7 @@ def _find_edited_files(edited: Sequence[str]) -> list[Finding]:
 
     The front reads them: a tick reads no file.
     """
-    message = "{} differs from what this daemon uses: `twindctl reload`, restart it, or restore the file"
+    message = "{} differs from what this daemon uses: `twindctl reload`, or a restart where it says so"
     return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in edited]
 
 
