@@ -145,8 +145,19 @@ def test_half_a_travel_is_not_done_and_enter_takes_one_that_fits_without_rest() 
     assert hands.travels.travel("l_knee", at_once=True) is None
     hands.go("l_knee", 1400)
     assert hands.travels.travel("l_knee") is None
-    assert hands.travels.open_reason("l_knee").startswith("it did not rest at both ends; move it slowly")
+    why = hands.travels.open_reason("l_knee")
+    assert why.startswith("it did not rest at its end of highest counts; move it slowly")
     assert hands.travels.travel("l_knee", at_once=True) is not None
+
+
+def test_a_sweep_that_is_not_complete_names_each_end_at_which_the_joint_did_not_rest() -> None:
+    hands = Hands(["l_knee"])
+    hands.go("l_knee", 1200)
+    why = "it did not rest at its end of lowest counts and its end of highest counts; move it slowly"
+    assert hands.travels.open_reason("l_knee").startswith(why)
+    short = Hands(["l_knee"])
+    short.sweep("l_knee", 1140)
+    assert short.travels.open_reason("l_knee").startswith("it went 1.75 rad, too little of the way")
 
 
 def test_a_resting_position_is_no_end_and_three_quarters_of_a_travel_are_incomplete() -> None:

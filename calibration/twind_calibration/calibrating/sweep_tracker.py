@@ -15,6 +15,8 @@ from twind_calibration.calibrating.travel_verdict import (
 
 NEAR = 0.03  # rad: a joint that rested so close to the end of its travel rested at it
 TO_BOTH_ENDS = "move it slowly to both ends and rest half a second at each"
+ENDS = ("end of lowest counts", "end of highest counts")
+BEFORE = "Where it lay before its first motion does not count"
 ALL = 0.9  # of the way between its limits: below it a rest may be one half-way, and only a person knows
 
 
@@ -101,7 +103,10 @@ class SweepTracker:
         if progress.stage is SweepStage.STILL:
             return self._lost.get(name, f"it was not moved; {TO_BOTH_ENDS}")
         if not progress.judged.wrong:
-            return f"it did not rest at both ends; {TO_BOTH_ENDS}"
+            missing = [end for end, rested in zip(ENDS, progress.ends, strict=True) if not rested]
+            went = f"it went {progress.judged.radians:.2f} rad, too little of the way between its limits"
+            text = f"it did not rest at its {' and its '.join(missing)}" if missing else went
+            return f"{text}; {TO_BOTH_ENDS}. {BEFORE}"
         text = describe_mismatch(progress.judged)
         return text if progress.judged.share >= 1.0 else f"{text}; {TO_BOTH_ENDS}"
 
