@@ -192,7 +192,7 @@ def test_what_a_model_switches_off_for_its_simulation_hides_no_body(tmp_path: Pa
     folded = np.array([[0.0, 2.9, 0.1], [0.0, 2.5, 0.6], [0.5, 2.9, -1.0]])
     plain = CollisionModel(arm(tmp_path)).distances(folded)
     assert plain.min() < 0.0
-    assert ((0.0 < plain) & (plain < 0.03)).any()
+    assert ((plain > 0.0) & (plain < 0.03)).any()
     xml = (tmp_path / "arm.xml").read_text().replace("<worldbody>", f"<option>{option}</option><worldbody>")
     (tmp_path / "arm.xml").write_text(xml)
     robot = read_robot(tmp_path / "arm.yaml")
