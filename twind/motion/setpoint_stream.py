@@ -21,7 +21,7 @@ class SetpointStream:
         self.joints = joints
         self._valid_for = 0.0  # s
         self._used_at = inf  # s, the first tick that used the newest setpoint
-        # (n,) each: of the newest setpoint of each joint; inf: none that a tick has used and that still counts
+        # (n,) each: of the newest setpoint of each joint; inf: none that a tick has used and still counts
         self._joint_valid_for, self._joint_used_at = np.full((2, len(joints)), inf)
         self._named = np.zeros(len(joints), np.bool_)  # by setpoints that no tick has used yet
         self._base = follower.target.copy()  # rad, (n,), the setpoint of `_ticks` ticks ago
