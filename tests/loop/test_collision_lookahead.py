@@ -258,6 +258,24 @@ def test_a_stream_into_itself_stops_before_it(world: World) -> None:
     assert least > 0.0
 
 
+@pytest.mark.parametrize("speed", [0.2, 0.02, 0.005])
+def test_a_stream_that_creeps_into_itself_stops_before_it_and_may_return(world: World, speed: float) -> None:
+    world.executor.begin(np.array([0.0, 2.6, 0.0]))
+    assert world.clearance() > 0.0
+    place = 2.6
+    while world.clearance() > 1e-3:  # near, without a tick in which anything moves
+        place += 0.002
+        world.executor.begin(np.array([0.0, place, 0.0]))
+    ticks = round(0.03 / (speed * PERIOD))
+    goals = np.zeros((ticks, 3))
+    goals[:, 1] = place + speed * PERIOD * np.arange(ticks)
+    refused, least = chase(world, goals)
+    assert refused > 0
+    assert least > -1.5e-4
+    goals[:, 1] = np.linspace(place, 2.6, ticks)
+    assert chase(world, goals)[0] == 0
+
+
 def test_a_reversing_setpoint_stream_can_always_stop_clear(tmp_path: Path) -> None:
     """Away and back at the worst moments: whatever was taken, braking from there was clear."""
     for seed in range(3):

@@ -57,6 +57,17 @@ def test_the_way_takes_its_share_of_the_limits(rig: ProcedureRig, speed: float) 
     assert took == pytest.approx(1.875 * 0.4 / (speed * 0.5), abs=0.1)
 
 
+def test_a_joint_whose_travel_ends_before_the_rest_pose_rests_at_its_end(rig: ProcedureRig) -> None:
+    bounds = replace(
+        rig.robot.limits, lower=REST + np.array([0.05, -1.0, -1.0]), upper=REST + np.array([1.0, 1.0, -0.1])
+    )
+    rig.robot.description = replace(rig.robot.description, limits=bounds)
+    rig.executor.limits = bounds
+    done, _ = lowered(rig)
+    assert done
+    assert rig.robot.written == pytest.approx(REST + np.array([0.05, 0.0, -0.1]), abs=1e-6)
+
+
 def test_a_way_that_would_be_slow_takes_three_seconds_and_a_fifth(rig: ProcedureRig) -> None:
     slowed(rig, 0.3)
     done, took = lowered(rig)

@@ -242,6 +242,33 @@ def test_an_expired_setpoint_ramps_to_a_hold_and_reports_stream_stale() -> None:
     )
 
 
+@pytest.mark.parametrize("joined", [False, True], ids=["named with the other", "widened by the other"])
+@pytest.mark.parametrize(("place", "speed"), [(0.0, 1.0), (1.5, 0.0)], ids=["at a speed", "to a far target"])
+def test_a_joint_that_a_stream_names_no_more_holds_while_the_stream_goes_on(
+    place: float, speed: float, joined: bool
+) -> None:
+    executor = holding()
+    if not joined:
+        executor.setpoint(np.array([0, 1]), np.zeros(2), None, 0.1)
+    executor.setpoint(np.array([0]), np.array([place]), np.array([speed]), 0.1)
+    track = []
+    for tick in range(200):
+        if tick % 5 == 0:
+            assert executor.setpoint(np.array([1]), np.array([0.2]), None, 0.1) is None
+        reference = executor.goal(PERIOD * tick)
+        assert reference is not None
+        track.append(reference)
+    assert executor.motion is Motion.STREAMING
+    assert track[9].velocity[0] > 0.5
+    speeds = np.array([reference.velocity[0] for reference in track])
+    fastest = int(np.argmax(speeds))
+    assert fastest <= 11  # the ticks of 0.1 s
+    assert (np.diff(speeds[fastest:]) <= 1e-9).all()  # it never turns back
+    assert speeds.min() >= -1e-9
+    assert (speeds[40:] == 0.0).all()
+    assert track[-1].position[1] == pytest.approx(0.2)
+
+
 def test_a_motion_that_arrives_with_the_last_moment_of_a_stream_begins() -> None:
     executor = holding()
     stream(executor, 1.5, speed=1.0)

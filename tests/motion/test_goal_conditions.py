@@ -1,18 +1,11 @@
 from math import inf, nan
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from tests.support.gate_rig import at_rest, limits, path
-from twind.motion.goal_conditions import STOPPED, GoalTolerances, led_in, without_past
+from tests.support.gate_rig import path
+from twind.motion.goal_conditions import STOPPED, GoalTolerances, without_past
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.splines import interpolate
-from twind.robot.trajectory import Reference, Trajectory
-
-PERIOD = 0.01
-
+from twind.robot.trajectory import Trajectory
 
 # ------------------------------------------------------------------------------------------ tolerances
 
@@ -85,45 +78,3 @@ def test_when_every_waypoint_is_past_it_is_refused(start_in: float) -> None:
     found = without_past(three(), start_in)
     assert isinstance(found, Finding)
     assert found.code is ReasonCode.CMD_EXPIRED
-
-
-# --------------------------------------------------------------------------------------------- lead-in
-
-
-def test_a_path_that_begins_later_or_where_the_robot_is_stays_as_it_is() -> None:
-    later = path([0.1, 1.0], [0.5, 1.0])
-    here = path([0.0, 1.0], [0.5, 1.0])
-    assert led_in(later, at_rest([0.0]), limits(1), PERIOD) is later
-    assert led_in(here, at_rest([0.5]), limits(1), PERIOD) is here
-
-
-def test_a_jump_of_a_joint_that_is_not_commanded_is_no_jump() -> None:
-    both = path([0.0, 1.0], [[0.5, 9.0], [1.0, 9.0]])
-    one = Trajectory(both.time, both.position, np.array([True, False]))
-    assert led_in(one, at_rest([0.5, 0.0]), limits(2), PERIOD) is one
-
-
-@given(
-    jump=st.floats(-0.05, 0.05),
-    before=st.floats(-1.5, 1.5),
-    after=st.floats(-1.5, 1.5),
-    shape=st.sampled_from([0, 1, 2]),
-)
-def test_a_jump_is_led_in_within_the_limits(jump: float, before: float, after: float, shape: int) -> None:
-    velocity = None if shape == 0 else [after, 0.0]
-    acceleration = [0.0, 0.0] if shape == 2 else None
-    given_ = path([0.0, 1.0], [jump, jump], velocity, acceleration)
-    limit = limits(1)
-    start = Reference(np.zeros(1), np.array([before]), np.zeros(1))
-    found = led_in(given_, start, limit, PERIOD)
-    lead = found.time[0]
-    if abs(jump) <= 1e-9:
-        assert lead == 0.0
-        return
-    assert lead >= PERIOD - 1e-12
-    assert lead / PERIOD == pytest.approx(round(lead / PERIOD), abs=1e-6)
-    assert found.time[1] - lead == pytest.approx(1.0)
-    curve = interpolate(found, start)
-    track = [curve.sample(t) for t in np.linspace(0.0, lead, 100, endpoint=False)]
-    assert max(abs(reference.velocity[0]) for reference in track) <= limit.velocity[0]
-    assert max(abs(reference.acceleration[0]) for reference in track) <= limit.acceleration[0] * 1.001

@@ -63,6 +63,7 @@ class StandInRobot:
         self.goals: Any = self.engine.stance
         self.now = 0.0
         self.refuses_from = math.inf
+        self.last_state = math.inf  # s, when it was sent
         self.code = "VEL_LIMIT"  # of its refusals
         self.stopped: list[str] = []
         self.moved: list[Mapping[str, float]] = []
@@ -76,7 +77,8 @@ class StandInRobot:
 
     @property
     def state(self) -> Any:
-        return SimpleNamespace(message=SimpleNamespace(inertial=self._imu(self.now)))
+        held = min(self.now, self.last_state)
+        return SimpleNamespace(message=SimpleNamespace(inertial=self._imu(held)), elapsed=self.now - held)
 
     def move(self, goals: Mapping[str, float], *, retime: bool = False) -> None:
         self.moved.append(goals)
@@ -169,6 +171,14 @@ def test_readings_of_up_to_five_ticks_balance_a_walk(age: float, steps: int) -> 
     else:
         with pytest.raises(MotionFailed, match="IMU fell silent"):
             robot.walk()
+
+
+def test_a_state_that_no_newer_one_follows_balances_no_walk() -> None:
+    robot = StandInRobot(lambda now: reading())
+    robot.last_state = 1.5
+    with pytest.raises(MotionFailed, match="IMU fell silent"):
+        robot.walk(seconds=60.0)
+    assert robot.engine.standing and robot.now < 10.0
 
 
 def test_a_command_that_becomes_too_fast_ends_the_walk_in_its_stance() -> None:

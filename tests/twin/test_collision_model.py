@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.clearance_rig import Oracle, arm, arm_file, h24
+from twind.config.robot_file import read_robot
 from twind.exceptions import InvalidInput
 from twind.robot.finding import ReasonCode
 from twind.twin.binding import Binding, bind
@@ -175,6 +176,38 @@ def test_a_height_field_of_the_world_must_be_allowed(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(xml.replace("<worldbody>", asset + world))
     with pytest.raises(InvalidInput, match="height field"):
         CollisionModel(bind(robot, None))
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        '<flag contact="disable"/>',
+        '<flag constraint="disable"/>',
+        '<flag override="enable"/>',
+        '<flag sleep="enable"/>',
+        '<flag nativeccd="disable"/>',
+    ],
+)
+def test_what_a_model_switches_off_for_its_simulation_hides_no_body(tmp_path: Path, option: str) -> None:
+    folded = np.array([[0.0, 2.9, 0.1], [0.0, 2.5, 0.6], [0.5, 2.9, -1.0]])
+    plain = CollisionModel(arm(tmp_path)).distances(folded)
+    assert plain.min() < 0.0
+    assert ((plain > 0.0) & (plain < 0.03)).any()
+    xml = (tmp_path / "arm.xml").read_text().replace("<worldbody>", f"<option>{option}</option><worldbody>")
+    (tmp_path / "arm.xml").write_text(xml)
+    robot = read_robot(tmp_path / "arm.yaml")
+    assert CollisionModel(bind(robot, None)).distances(folded) == pytest.approx(plain, abs=1e-9)
+
+
+def test_a_coarse_search_for_contacts_makes_no_distance_longer(tmp_path: Path) -> None:
+    poses = np.linspace([0.3, 2.2, -0.5], [0.3, 2.9, 1.5], 40)
+    plain = CollisionModel(arm(tmp_path, tip="ellipsoid")).distances(poses)
+    assert (plain < 0.03).any()
+    coarse = '<option ccd_iterations="1" ccd_tolerance="0.1"/><worldbody>'
+    xml = (tmp_path / "arm.xml").read_text().replace("<worldbody>", coarse)
+    (tmp_path / "arm.xml").write_text(xml)
+    robot = read_robot(tmp_path / "arm.yaml")
+    assert CollisionModel(bind(robot, None)).distances(poses) == pytest.approx(plain, abs=1e-9)
 
 
 def test_the_model_that_is_shared_stays_as_it_is(robot: Binding) -> None:

@@ -1,20 +1,17 @@
-"""Options of a goal beside its path: tolerances, its end, and how a late or jumping start is corrected."""
+"""Options of a goal beside its path: tolerances, its end, and how a late start is corrected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import ceil, inf
+from math import inf
 
 import numpy as np
 
 from twind.motion.time_scaling import Stretch
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.joint_limits import JointLimits
-from twind.robot.trajectory import Reference, Trajectory
+from twind.robot.trajectory import Trajectory
 
 STOPPED = 0.05  # rad/s: at the end slower than this counts as stopped (as END_NOT_AT_REST)
-JUMP = 1e-9  # rad: a smaller jump of a first point at t = 0 is rounding
-SHARE = 0.5  # of the velocity limit for the way to a first point at t = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,26 +92,3 @@ def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:
         velocity=None if path.velocity is None else path.velocity[ahead],
         acceleration=None if path.acceleration is None else path.acceleration[ahead],
     )
-
-
-def led_in(path: Trajectory, before: Reference, limits: JointLimits, period: float) -> Trajectory:
-    """Return the path; one that would jump at t = 0 begins later, by the duration of a smooth way to it."""
-    if path.time[0] > 0.0:
-        return path
-    columns = path.commanded
-    jump = np.where(columns, np.abs(path.position[0] - before.position), 0.0)
-    if not (jump > JUMP).any():
-        return path
-    speed = np.abs(before.velocity)
-    if path.velocity is not None:
-        speed = np.maximum(speed, np.abs(path.velocity[0]))
-    speed = np.where(columns, speed, 0.0)
-    room = np.maximum(np.minimum(SHARE * limits.velocity, limits.velocity - speed), 0.05 * limits.velocity)
-    wanted = [
-        period,
-        float((1.875 * jump / room).max()),
-        float(np.sqrt(6.0 * jump / (0.4 * limits.acceleration)).max()),
-        float((10.0 * speed / limits.acceleration).max()),
-    ]
-    lead = ceil(max(wanted) / period - 1e-9) * period
-    return replace(path, time=path.time + lead)

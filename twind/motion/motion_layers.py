@@ -10,13 +10,14 @@ from math import inf
 
 import numpy as np
 
-from twind.motion.goal_conditions import JUMP, GoalTolerances, led_in
+from twind.motion.goal_conditions import GoalTolerances
 from twind.motion.time_scaling import Stretch, TimeScaling, next_pace
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import Spline, interpolate
 from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.lead_in import JUMP, led_in
 
 ROUNDING = 1e-9  # s: a tick this close to the end of a curve is at its end
 

@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 
 from twind.motion.stop_profiles import LimitedFollower
-from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.arrays import Bools, Floats, Ints, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference
@@ -21,6 +21,9 @@ class SetpointStream:
         self.joints = joints
         self._valid_for = 0.0  # s
         self._used_at = inf  # s, the first tick that used the newest setpoint
+        # (n,) each: of the newest setpoint of each joint; inf: none that a tick has used and still counts
+        self._joint_valid_for, self._joint_used_at = np.full((2, len(joints)), inf)
+        self._named = np.zeros(len(joints), np.bool_)  # by setpoints that no tick has used yet
         self._base = follower.target.copy()  # rad, (n,), the setpoint of `_ticks` ticks ago
         self._ticks = 1
         # rad/s, (n,): from that setpoint to the newest one, and the most of it since a joint is late
@@ -31,6 +34,8 @@ class SetpointStream:
     ) -> None:
         """Follow `position` (m,), rad, for `valid_for` s; it moves by itself with `velocity` (m,), rad/s."""
         self.follower.set_joint_targets(joints, position, 0.0 if velocity is None else velocity)
+        self._named[joints] = True
+        self._joint_valid_for[joints] = valid_for
         if self._ticks:
             target = self.follower.target
             self._asked = np.abs(target - self._base) / (self._ticks * self.follower.period)
@@ -38,6 +43,12 @@ class SetpointStream:
             self._ticks = 0
         self._valid_for = valid_for
         self._used_at = inf
+
+    def continue_ages(self, other: "SetpointStream") -> None:
+        """Count the setpoints of `other`, which this stream takes the place of, on from their ages."""
+        self._joint_valid_for = other._joint_valid_for.copy()
+        self._joint_used_at = other._joint_used_at.copy()
+        self._named = other._named.copy()
 
     def behind(self) -> tuple[Floats, tuple[Finding, ...]]:
         """Return how far joints (n,) are behind the newest setpoint, rad, and a finding for each late one.
@@ -71,12 +82,21 @@ class SetpointStream:
         return 0.0 if self._used_at == inf else now - self._used_at
 
     def use(self, now: float) -> Finding | None:
-        """Begin or continue the age of the newest setpoint; return STREAM_STALE when it is too old."""
+        """Begin or continue the age of the newest setpoint; return STREAM_STALE when it is too old.
+
+        A joint whose own setpoint is too old, as newer ones name others, brakes and holds.
+        """
         if self._used_at == inf:
             self._used_at = now
+            self._joint_used_at[self._named] = now
+            self._named[:] = False
         self._ticks += 1
         age = now - self._used_at
         if age <= self._valid_for:
+            left = now - self._joint_used_at > self._joint_valid_for
+            if some(left):
+                self.follower.halt(left)
+                self._joint_used_at[left] = inf
             return None
         message = "no newer setpoint: holding"
         return Finding(ReasonCode.STREAM_STALE, value=age, bound=self._valid_for, message=message)
@@ -93,4 +113,6 @@ def widened(
         np.where(stream.joints, stream.follower.target, follower.target),
         np.where(stream.joints, stream.follower.drift, 0.0),
     )
-    return SetpointStream(follower, joints | stream.joints)
+    wide = SetpointStream(follower, joints | stream.joints)
+    wide.continue_ages(stream)
+    return wide

@@ -144,6 +144,12 @@ class LimitedFollower:
         self._target[joints] = target
         self._drift[joints] = drift
 
+    def halt(self, joints: Bools) -> None:
+        """Let `joints` (n,) brake from now on, and hold where that ends."""
+        place = stopping_point(self._last, self.acceleration)
+        self._target[joints] = place[joints]
+        self._drift[joints] = 0.0
+
     @property
     def target(self) -> Floats:
         """Target, rad, (n,)."""

@@ -76,9 +76,14 @@ class RobotSnapshot:
         return np.array([np.nan if row["effort"] is None else row["effort"] for row in self.message.rows])
 
     @property
+    def elapsed(self) -> float:
+        """Seconds since the tick, now."""
+        return time.monotonic() - self.message.time
+
+    @property
     def age(self) -> Floats:
         """Seconds since each joint was read, now; inf: never."""
-        return self.message.age + (time.monotonic() - self.message.time)
+        return self.message.age + self.elapsed
 
     def fresh(self, bound: float = 0.1) -> Bools:
         """Return which joints were read less than `bound` s ago."""

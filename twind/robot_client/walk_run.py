@@ -26,6 +26,7 @@ NEAR = 0.05  # rad: joints this near to the stance need no motion to it
 MOST_ELAPSED = 0.03  # s that the gait goes on at once after missed periods
 LATCHED = (ReasonCode.FAULT_LATCHED, ReasonCode.ESTOP_LATCHED)  # the daemon reacts: no e-stop of this program
 RECENT = 0.05  # s: an older reading of the IMU does not balance
+ON_ITS_WAY = 0.1  # s: nor does one in a state that has come later, or that no newer one has followed
 MOST_REFUSED = 3  # goals of a walk; a stopped robot refuses each
 # Velocities at which h24-standing walked without a refusal: forward, left, m/s; turn, rad/s.
 FASTEST = np.array([0.12, 0.03, 0.25])
@@ -142,8 +143,9 @@ def _wanted(command: Command, now: float, longest: float) -> Floats | None:
 
 def _inertial(robot: WalkingRobot) -> ImuReading | None:
     """Return the reading of the IMU; None: there is none, or an old one."""
-    found = robot.state.message.inertial
-    return found if found is not None and found.age <= RECENT else None
+    state = robot.state
+    found = state.message.inertial
+    return found if found is not None and found.age <= RECENT and state.elapsed <= ON_ITS_WAY else None
 
 
 def _fall(inertial: ImuReading, time: float, steps: int) -> FindingMessage:

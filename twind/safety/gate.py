@@ -19,6 +19,7 @@ from twind.safety import retime
 from twind.safety.admission import admit
 from twind.safety.curve_rules import JudgedCurve, WorstPoint, judge, relaxed, resting, some, start
 from twind.safety.gate_types import GateResult, GateSnapshot, GateThresholds, TrajectoryRequest
+from twind.safety.lead_in import led_in
 from twind.safety.trajectory_validation import wellformed
 
 __all__ = [
@@ -124,9 +125,9 @@ def _slices(
     changes: list[Finding] = []
     if demand.append_stop:
         path, changes = retime.with_stop(path, limits, thresholds)
-    spots = yield from _judging(path, before, limits, thresholds, step)
+    spots = yield from _judging(path, before, limits, thresholds, snapshot.period, step)
     if demand.policy == "retime" and _slower_heals(spots):
-        slower = yield from _stretching(path, spots, before, limits, thresholds, step)
+        slower = yield from _stretching(path, spots, before, limits, thresholds, snapshot.period, step)
         if slower is not None:
             cause = retime.slowest(spot.finding for spot in spots.values())
             times = f"{slower[0].time[-1]:.2f} s instead of {path.time[-1]:.2f} s"
@@ -148,11 +149,16 @@ Spots = dict[tuple[ReasonCode, int], WorstPoint]  # the worst place of each join
 
 
 def _judging(
-    path: Trajectory, before: Reference, limits: JointLimits, thresholds: GateThresholds, step: int
+    path: Trajectory,
+    before: Reference,
+    limits: JointLimits,
+    thresholds: GateThresholds,
+    period: float,
+    step: int,
 ) -> Generator[int, None, Spots]:
     """Apply the rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
     subject = _subject(path, before, limits)
-    found = start(subject, thresholds)
+    found = start(subject, thresholds) + _lead(path, before, limits, thresholds, period)
     i = 0
     segments = len(subject.knots.time) - 1
     outside = relaxed(subject)
@@ -173,12 +179,32 @@ def _judging(
     return worst
 
 
+def _lead(
+    path: Trajectory, before: Reference, limits: JointLimits, thresholds: GateThresholds, period: float
+) -> list[WorstPoint]:
+    """Apply the rules on the way to a first point at t = 0 that jumps: a fast one is met with a run-up.
+
+    A jump or a speed that is refused in any case has no such way.
+    """
+    with np.errstate(all="ignore"):
+        possible = np.abs(path.position[0] - before.position) <= thresholds.start_jump
+        if path.velocity is not None:
+            possible &= np.abs(path.velocity[0]) <= limits.velocity
+    led = led_in(path, before, limits, period) if possible[path.commanded].all() else path
+    if led is path:
+        return []
+    way = _subject(led, before, limits)
+    spots = judge(way, 0, 1, relaxed(way) or way.limits, thresholds)
+    return [replace(spot, finding=replace(spot.finding, time=0.0)) for spot in spots]
+
+
 def _stretching(
     path: Trajectory,
     spots: Spots,
     before: Reference,
     limits: JointLimits,
     thresholds: GateThresholds,
+    period: float,
     step: int,
 ) -> Generator[int, None, tuple[Trajectory, Spots, float] | None]:
     """Return the smallest uniform stretch after which nothing is too fast; None where there is none.
@@ -192,7 +218,7 @@ def _stretching(
         if not float(path.time[-1]) * factor <= thresholds.max_duration:
             return None
         slower = path.stretched(factor)
-        spots = yield from _judging(slower, before, limits, thresholds, step)
+        spots = yield from _judging(slower, before, limits, thresholds, period, step)
         if not any(code is not ReasonCode.JERK_LIMIT for code, _ in spots):
             return slower, spots, factor
         if not _slower_heals(spots):

@@ -31,7 +31,9 @@ POSES = 30  # poses checked in one tick at most: 0.2 to 0.3 ms of the tick
 BATCH = 5  # poses of an unchanged path that are checked at once, beyond the time that counts
 PATIENCE = 10  # ticks before a bound that proved too little is measured again
 NEAR = 0.02  # m: distances are computed up to here; a smaller value is faster
-NEARER = 1e-4  # m: a pair that comes nearer by less than this counts as not approaching
+NEARER = 1e-4  # m: a pair that comes nearer by less than this counts as not approaching ...
+CREEPING = 2e-6  # m: ... but below `block` only until it has come nearer by that in several ticks
+LEAP = 0.01  # rad: a reference further from that of the last look has not crept there
 CLEAR = ClearanceAhead(inf)
 
 
@@ -54,6 +56,9 @@ class CollisionLookahead:
         self._later = self._ticks[-1] + self._stride * np.arange(BATCH)  # the next ones of an unchanged path
         self._watch_distance = bodies.block + bodies.band
         self._bound = ClearanceBound(far, self._watch_distance)
+        # m, (p,): the farthest that each pair was since it is near; -inf: not known
+        self._farthest = np.full(len(self._watch_distance), -inf)
+        self._looked_at: Floats | None = None  # the reference then
         self._tick = self._due = self._patient = 0
         self._way: tuple[object, ...] | None = None
         self._near: deque[tuple[int, Floats]] = deque()  # tick when it is reached, distances
@@ -171,12 +176,23 @@ class CollisionLookahead:
         return rows
 
     def _approaching(self, plan: LookaheadPlan, least: Floats) -> Ints:
-        """Return the pairs that are near in the distances `least` (p,), m, and nearer than they are now."""
+        """Return the pairs that are near in the distances `least` (p,), m, and nearer than they are now.
+
+        A slow stream comes nearer by less than `NEARER` with each setpoint: below `block` the sum of it
+        counts. Bodies that overlap may be left by any way.
+        """
         bodies = self._bodies
         near = np.flatnonzero(~(least >= self._watch_distance))
-        bodies.place(plan.reference.position)
+        here = plan.reference.position
+        bodies.place(here)
         now = np.array([bodies.between(pair, bodies.reach) for pair in near.tolist()])
-        approaching: Ints = near[~(least[near] > now - NEARER)]
+        if self._looked_at is None or not np.abs(here - self._looked_at).max() <= LEAP:
+            self._farthest[:] = -inf
+        self._looked_at = here
+        self._farthest[near] = farthest = np.maximum(self._farthest[near], now)
+        coming = least[near]
+        creeping = (coming <= bodies.block[near]) & (coming <= np.minimum(now - CREEPING, farthest - NEARER))
+        approaching: Ints = near[~(coming > now - NEARER) | (creeping & (farthest > 0.0))]
         return approaching
 
     def _tightest(self, plan: LookaheadPlan, near: list[tuple[int, Floats]]) -> ClearanceAhead:

@@ -115,7 +115,7 @@ class CollisionModel:
         model.pair_gap[:] = 0.0
         for geom in self._ignored or ():
             model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+        _measure_exactly(model.opt)
         mujoco.mj_setConst(model, mujoco.MjData(model))  # else margins count for single-geom bodies only
         self.data = mujoco.MjData(model)
         self._qpos = self.data.qpos
@@ -163,6 +163,19 @@ class CollisionModel:
         """Return the distance (m) of one pair in the pose set last, at most `most`."""
         a, b = self.pairs[place].geoms
         return float(mujoco.mj_geomDistance(self.model, self.data, a, b, most, None))
+
+
+def _measure_exactly(option: Any) -> None:
+    """Undo what a model asks of its simulation alone: contacts off, margins overridden, a coarse search.
+
+    With any of these, bodies that touch are measured as far apart.
+    """
+    kept = option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)  # chooses the pairs
+    option.disableflags = kept | int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+    option.enableflags = 0
+    usual = mujoco.MjSpec().option
+    option.ccd_iterations = max(option.ccd_iterations, usual.ccd_iterations)
+    option.ccd_tolerance = min(option.ccd_tolerance, usual.ccd_tolerance)
 
 
 # ------------------------------------------------------------------------------------------ which pairs

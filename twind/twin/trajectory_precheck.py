@@ -12,13 +12,13 @@ from typing import Protocol
 import numpy as np
 
 from twind.exceptions import InvalidInput
-from twind.motion.goal_conditions import led_in
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import Spline, interpolate, passed
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate_types import GateThresholds
+from twind.safety.lead_in import led_in
 from twind.safety.retime import with_stop
 from twind.twin.binding import Binding
 from twind.twin.collision_model import CollisionModel

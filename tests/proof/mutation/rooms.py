@@ -71,6 +71,7 @@ ROOMS = (
             "tests/safety/test_gate.py",
             "tests/safety/test_gate_findings.py",
             "tests/safety/test_gate_edges.py",
+            "tests/safety/test_lead_in.py",
             "tests/safety/test_trajectory_validation_edges.py",
             "tests/safety/test_curve_rules.py",
             "tests/safety/test_bernstein_curve.py",

@@ -61,6 +61,7 @@ class GateInput:
             lease_held=self._lease.held_by(client, now),
             mismatches=tuple(self._troubles()),
             calibrated=np.array(robot.joints.calibrated),
+            period=robot.period,
             torque_on=torque_reported(context) if stopped else None,
             limp=context.torque.limp,
             age=now - target.time + target.age,

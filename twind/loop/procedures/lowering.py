@@ -56,7 +56,9 @@ def lower(
     requests more time (s) of a service manager that waits for the end of the daemon.
     """
     robot = context.robot
-    target = robot.bound.pose(profile.pose) if profile.pose else robot.rest
+    pose = robot.bound.pose(profile.pose) if profile.pose else robot.rest
+    # A travel that was measured may end before the pose: a goal beyond it stops the goals of all joints.
+    target = np.clip(pose, robot.limits.lower, robot.limits.upper)
     until = context.clock.now() + profile.within
     for _ in range(WAYS):
         reference = context.executor.reference

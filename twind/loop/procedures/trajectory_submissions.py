@@ -17,7 +17,6 @@ from twind.loop.procedures.procedure_runner import Procedure
 from twind.loop.tick.contact_explanations import with_contact
 from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
-from twind.motion.goal_conditions import led_in
 from twind.motion.time_scaling import Stretch
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances
 from twind.robot.arrays import Bools, Ints
@@ -27,6 +26,7 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety import gate, setpoint_gate
 from twind.safety.admission import admit
+from twind.safety.lead_in import led_in
 from twind.safety.stopped_stream import StoppedStream
 from twind.telemetry.command_latency import STREAM, StartedCommand
 
