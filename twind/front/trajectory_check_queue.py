@@ -73,10 +73,11 @@ class TrajectoryCheckQueue:
         self._foresight = foresight
         self._loaded = True
         self._steps = None
-        for job in self._jobs:
+        old = list(self._jobs)
+        self._jobs.clear()  # first: with an answer the next call of its connection begins, maybe a path too
+        for job in old:
             reason = "the limits were changed while this was judged: send it again"
             self._front.refuse(job.call, [Finding(ReasonCode.CMD_EXPIRED, message=reason)])
-        self._jobs.clear()
 
     def _load(self) -> TrajectoryPrecheck | None:
         """Load the model in a thread, because the import of MuJoCo takes a quarter of a second."""

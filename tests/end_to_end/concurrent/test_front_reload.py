@@ -80,6 +80,26 @@ def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_
     assert last.generation == 1
 
 
+def test_a_path_that_waits_behind_one_sent_back_is_judged_by_the_new_limits(
+    loop: StandIn, tmp_path: Path
+) -> None:
+    """It begins in the moment in which the one ahead of it on its connection is sent back."""
+    loop.answers[link.ApplyChanges] = lambda _: []  # until the path is being swept
+    files(tmp_path, robot=NARROW)
+    with Raw(loop) as busy, Raw(loop) as other:
+        other.send("Reload", parameters={})
+        adopt = loop.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
+        for points in (2000, 2):
+            busy.send("Check", parameters={"trajectory": path(points)})
+        time.sleep(0.05)
+        loop.send(*granted(adopt))
+        assert other.receive()["parameters"] == {"applied": [KEY], "needs_restart": []}
+        assert code(busy.receive()) == "CMD_EXPIRED"
+        assert "error" not in busy.receive()
+    (submit,) = [command for command in loop.commands if isinstance(command, link.Submit)]
+    assert (submit.points, submit.generation) == (2, 1)
+
+
 def test_without_the_loop_s_word_the_front_goes_by_the_old_values(loop: StandIn, tmp_path: Path) -> None:
     finding = Finding(ReasonCode.BUSY, message="torque is on")
     loop.answers[link.ApplyChanges] = lambda command: [
