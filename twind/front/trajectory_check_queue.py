@@ -60,6 +60,7 @@ class TrajectoryCheckQueue:
         self._loaded = False
         self._jobs: deque[TrajectoryCheck] = deque()
         self._steps: Generator[None, None, Verdict] | None = None
+        self.stops = 0  # of the robot, that clients have requested
 
     # ------------------------------------------------------------------------------- the model
 
@@ -138,8 +139,10 @@ class TrajectoryCheckQueue:
     def stop(self) -> None:
         """Refuse the motions that are still being judged.
 
-        The robot is stopped, and they must not begin afterwards.
+        The robot is stopped, and they must not begin afterwards. Nor those that wait for their turn: by
+        `stops` their session tells that one came.
         """
+        self.stops += 1
         stopped = [job for job in self._jobs if job.moves]
         if self._jobs and self._jobs[0].moves:
             self._steps = None
