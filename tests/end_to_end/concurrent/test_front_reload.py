@@ -1,5 +1,6 @@
 """A real front whose loop grants changes, refuses them or says nothing: it goes by the loop's word alone."""
 
+import resource
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -146,6 +147,28 @@ def test_a_loop_without_a_reply_to_new_values_gets_another_front_process(tmp_pat
     assert stand_in.front.wait(reload_queue.ANSWER + 5.0) == 0
     assert "LOOP_SILENT" in stand_in.log.read_text()
     stand_in.close()
+
+
+@pytest.mark.parametrize("first", [True, False], ids=["the first", "a later one"])
+def test_a_change_without_descriptors_is_refused_and_the_next_one_is_made(
+    loop: StandIn, *, first: bool
+) -> None:
+    """No change is left half made, which would keep all others waiting or end this front process."""
+    loop.answers[link.ApplyChanges] = granted
+    least = 3  # every number up to it is taken
+    usual = resource.prlimit(loop.front.pid, resource.RLIMIT_NOFILE)
+    with Raw(loop) as client:
+        assert "error" not in client.call("GetStatus")
+        if not first:
+            assert "error" not in client.call("SetParameters", parameters={"log_level": "warning"})
+        resource.prlimit(loop.front.pid, resource.RLIMIT_NOFILE, (least, usual[1]))
+        answer = client.call("SetParameters", parameters={"log_level": "info"})
+        assert code(answer) == "CONFIG_REFUSED"
+        resource.prlimit(loop.front.pid, resource.RLIMIT_NOFILE, usual)
+        made = client.call("SetParameters", parameters={"log_level": "debug"})
+        assert made["parameters"]["parameters"]["log_level"] == "debug"
+        time.sleep(reload_queue.ANSWER + 0.5)
+        assert "error" not in client.call("GetStatus")
 
 
 GAINS = "types.xm430.gains"
