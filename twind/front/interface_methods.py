@@ -272,6 +272,9 @@ def _streamed(
     joints: list[str], positions: list[float], velocities: list[float] | None, places: dict[str, int]
 ) -> list[Finding]:
     """UNKNOWN_JOINT to NONFINITE of one setpoint."""
+    if len(joints) > len(places):  # before any work that grows with it
+        reason = "joint_names: more than the robot has joints"
+        return [Finding(ReasonCode.BAD_SHAPE, value=len(joints), bound=len(places), message=reason)]
     wrong = [] if joints else [Finding(ReasonCode.NO_JOINTS, message="no joint is named")]
     for place, name in enumerate(joints):
         if name not in places:
