@@ -146,6 +146,23 @@ def test_a_large_message_and_small_ones_do_not_displace_each_other(line: Connect
     assert sum(message["dropped"] for message in received) == 2
 
 
+def test_calls_of_a_slow_reader_of_a_large_message_are_read_and_it_stays_connected(line: Connection) -> None:
+    """Its e-stop would wait unread. Answers alone hold back its calls, since telemetry is dropped instead."""
+    line.publish("path", 1, 3 << 20)
+    line.publish("state", 2, 100)
+    line.peer.sendall(b"EStop\0")
+    line.turn()
+    assert line.messages == [b"EStop"]
+    line.stream.send(b"an answer")
+    assert len(line.peer.recv(QUEUE)) > 0
+    line.turn()
+    assert line.stream.backlog > QUEUE
+    assert not line.stream.stuck(line.loop.time() + 0.9 * PATIENCE)
+    line.peer.sendall(b"GetStatus\0")
+    line.turn()
+    assert line.messages == [b"EStop", b"GetStatus"]
+
+
 def test_a_peer_that_reads_nothing_is_stuck_and_one_without_pending_data_is_not(line: Connection) -> None:
     now = line.loop.time()
     assert not line.stream.stuck(now + 1000.0)

@@ -15,6 +15,7 @@ from twind.front.state_cache import encode
 from twind.protocol import CONTROL, SERVICE
 
 STOPS = frozenset({"EStop", "Cancel", "Disarm"})  # never queued, never refused for a full pipe
+STARTS = frozenset({"Arm", "FindStop", "Reset", "Setpoint", "SubmitTrajectory"})  # that a stop precedes
 PENDING = 64  # calls that may wait on one connection before it is read no further
 
 
@@ -56,6 +57,7 @@ class ClientCall:
         self.oneway = oneway
         self.started = self.finished = False
         self.overlong: OverlongTrajectory | None = None  # what it has in place of parameters
+        self.stops = 0  # of the robot, that clients had requested when it was received
         self.began = nan  # s, when it was whole and its turn had come
         self.output: list[bytes] = []  # while it is not this call's turn
 

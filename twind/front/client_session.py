@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from twind.exceptions import InvalidInput
-from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
+from twind.front.client_calls import STARTS, Caller, ClientCall, ConnectionCalls
 from twind.front.front_server import FrontServer
 from twind.front.interface_methods import METHODS, OBSERVER, refuse_overlong, service
 from twind.front.message_stream import MessageStream
@@ -60,6 +60,7 @@ class ClientSession:
             self._strike(ReasonCode.BAD_SCHEMA, str(error))
             return
         call.overlong = path
+        call.stops = self.front.foreseen.stops
         self._received_call = True
         self.calls.add(call)
 
@@ -172,6 +173,10 @@ class ClientSession:
             refuse_overlong(self.front, call, call.overlong)
             return False
         method.parameters.check(call.parameters, "")
+        if call.method in STARTS and call.stops != self.front.foreseen.stops:
+            reason = "the robot was stopped before its turn came: send it again"
+            self.front.refuse(call, [Finding(ReasonCode.BUSY, message=reason)])
+            return False
         return True
 
     # --------------------------------------------------------------------------- what is no call

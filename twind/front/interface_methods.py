@@ -35,6 +35,7 @@ OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "ESto
 LEVELS = ("settle", "cut")  # of an e-stop
 SETTABLE = ", ".join([*PARAMETERS, "types.TYPE.gains"])
 SIDES = ("lower", "upper")  # of a joint's stops
+SILENCE = 2.0  # s without a tick after which a status would pass old values for the present ones
 NAME = 40  # characters of an unknown name in an error
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
 
@@ -95,6 +96,13 @@ def _not_found(call: ClientCall, what: str, name: str, known: Iterable[str]) -> 
 
 
 def _get_status(front: FrontServer, call: ClientCall) -> None:
+    old = 0.0 if front.world.tick is None else front.now() - front.world.tick.time
+    if old > SILENCE:
+        told = (
+            f"the loop: its last report is {old:.1f} s old, bound {SILENCE:g} s; servos may be without torque"
+        )
+        call.error("Busy", {"what": f"{told}; see the log, or restart the daemon"})
+        return
     joints = b',"joints":' + front.world.joints() if call.parameters.get("joints") else b""
     call.reply(b'{"status":' + front.world.status() + joints + b"}")
 
@@ -264,6 +272,9 @@ def _streamed(
     joints: list[str], positions: list[float], velocities: list[float] | None, places: dict[str, int]
 ) -> list[Finding]:
     """UNKNOWN_JOINT to NONFINITE of one setpoint."""
+    if len(joints) > len(places):  # before any work that grows with it
+        reason = "joint_names: more than the robot has joints"
+        return [Finding(ReasonCode.BAD_SHAPE, value=len(joints), bound=len(places), message=reason)]
     wrong = [] if joints else [Finding(ReasonCode.NO_JOINTS, message="no joint is named")]
     for place, name in enumerate(joints):
         if name not in places:

@@ -42,7 +42,7 @@ class LoopConnection:
         return bool(self._hung_up.poll(0))
 
     def send(self, command: Inward, fd: int | None = None) -> bool:
-        """One command, with a memfd beside it; False: the pipe is full and nothing was sent.
+        """One command, with a memfd beside it; False: the pipe takes none now, and nothing was sent.
 
         Raises InvalidInput.
         """
@@ -72,10 +72,10 @@ class LoopConnection:
                 self._sock.send(data, socket.MSG_NOSIGNAL)
             else:
                 socket.send_fds(self._sock, [data], [fd], socket.MSG_NOSIGNAL)
-        except BlockingIOError:
-            return False
-        except OSError:  # the loop is gone; the reader finds that out
+        except ConnectionError:  # the loop is gone; the reader finds that out
             return True
+        except OSError:  # the pipe is full, or the kernel has no memory for it
+            return False
         return True
 
     def _readable(self) -> None:

@@ -53,6 +53,7 @@ class MessageStream:
         self._queued = 0
         self._large = 0  # bytes of what is queued that are a large message of telemetry
         self._answers = 0  # bytes of what is queued that are answers
+        self._answering = False  # `_rest` is of an answer
         self._over: float | None = None  # s, since when too many answers wait
         self._declined = False  # by the owner, until it calls `resume`
         self._rest = memoryview(b"")
@@ -179,6 +180,11 @@ class MessageStream:
         """Number of bytes that wait for the reader."""
         return len(self._rest) + self._queued
 
+    @property
+    def _unread_answers(self) -> int:
+        """Number of bytes of answers that wait for the reader."""
+        return self._answers + (len(self._rest) if self._answering else 0)
+
     def send(self, data: bytes) -> None:
         """An answer: never dropped. The terminator is added."""
         self._put(data, None)
@@ -203,7 +209,7 @@ class MessageStream:
             self._large += len(data)
         if not self._rest:
             self._write()
-        if self._over is None and self._answers + len(self._rest) > QUEUE:
+        if self._over is None and self._unread_answers > QUEUE:
             self._over = self._loop.time()
 
     def _drop(self, room: int, *, large: bool) -> None:
@@ -243,13 +249,14 @@ class MessageStream:
                 return
             self._rest = self._rest[sent:]
             self._progress = self._loop.time()
-            if self._over is not None and self._answers + len(self._rest) <= DRAINED:
+            if self._over is not None and self._unread_answers <= DRAINED:
                 self._over = None
                 self._loop.call_soon(self._read_further)
 
     def _next(self) -> bytes:
         data, counter = self._queue.popleft()
         end = self._terminator or b"\0"
+        self._answering = counter is None
         if counter is None:
             self._queued -= len(data)
             self._answers -= len(data)

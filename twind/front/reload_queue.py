@@ -110,12 +110,14 @@ class ReloadQueue:
             working = self._front.loop.run_in_executor(None, self._work, briefing)
             working.add_done_callback(lambda done: self._read(request, done.result()))
             return
-        from twind.front.reload_worker import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
-
         try:
+            from twind.front.reload_worker import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
+
             made = with_settings(briefing, request.changes)
         except ValueError as error:  # InvalidInput: a value that may not change
             self._read(request, ReloadResult(error=str(error)))
+        except (OSError, MemoryError, ImportError) as error:
+            self._read(request, ReloadResult(error=_out_of(error)))
         else:
             self._read(request, ReloadResult(changes=request.changes, briefing=made))
 
@@ -166,6 +168,11 @@ class ReloadQueue:
         reading = request.reading
         assert reading is not None
         assert reading.briefing is not None
+        try:
+            fd = seal("twind-briefing", msgspec.msgpack.encode(reading.briefing))
+        except (OSError, MemoryError) as error:  # unsent, so it must end here, or all others wait
+            self._read(request, ReloadResult(error=_out_of(error)))
+            return
         request.ticket = front.tickets.number()
         request.deadline = front.now() + ANSWER
         command = link.ApplyChanges(
@@ -177,7 +184,6 @@ class ReloadQueue:
             reread=request.changes is None,
             on_trial=bool(reading.briefing.replaced_gains),
         )
-        fd = seal("twind-briefing", msgspec.msgpack.encode(reading.briefing))
         try:
             sent = front.link.send(command, fd)
         finally:
@@ -233,6 +239,11 @@ class ReloadQueue:
         if request is not None and request.call is not None:
             answer(request.call)
         self._front.loop.call_soon(self._next)
+
+
+def _out_of(error: Exception) -> str:
+    """Return why a change could not be made ready: what the front process has too little of."""
+    return f"the front process is out of descriptors or memory: {error}; close connections, then try again"
 
 
 def _foresight(briefing: Briefing) -> TrajectoryPrecheck | str:

@@ -60,6 +60,7 @@ class TrajectoryCheckQueue:
         self._loaded = False
         self._jobs: deque[TrajectoryCheck] = deque()
         self._steps: Generator[None, None, Verdict] | None = None
+        self.stops = 0  # of the robot, that clients have requested
 
     # ------------------------------------------------------------------------------- the model
 
@@ -73,10 +74,11 @@ class TrajectoryCheckQueue:
         self._foresight = foresight
         self._loaded = True
         self._steps = None
-        for job in self._jobs:
+        old = list(self._jobs)
+        self._jobs.clear()  # first: with an answer the next call of its connection begins, maybe a path too
+        for job in old:
             reason = "the limits were changed while this was judged: send it again"
             self._front.refuse(job.call, [Finding(ReasonCode.CMD_EXPIRED, message=reason)])
-        self._jobs.clear()
 
     def _load(self) -> TrajectoryPrecheck | None:
         """Load the model in a thread, because the import of MuJoCo takes a quarter of a second."""
@@ -137,8 +139,10 @@ class TrajectoryCheckQueue:
     def stop(self) -> None:
         """Refuse the motions that are still being judged.
 
-        The robot is stopped, and they must not begin afterwards.
+        The robot is stopped, and they must not begin afterwards. Nor those that wait for their turn: by
+        `stops` their session tells that one came.
         """
+        self.stops += 1
         stopped = [job for job in self._jobs if job.moves]
         if self._jobs and self._jobs[0].moves:
             self._steps = None

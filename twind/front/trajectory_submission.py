@@ -5,7 +5,8 @@ All errors are reported at once; an accepted path travels as arrays in a sealed 
 
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -16,7 +17,7 @@ from twind.front.joint_naming import JointNames
 from twind.link import pack_path
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.trajectory_validation import PointRow, form, unknown_joint
+from twind.safety.trajectory_validation import MOST, PointRow, form, unknown_joint
 from twind.sealed_memfd import seal
 
 POLICIES = ("reject", "retime")  # strict first
@@ -67,7 +68,7 @@ def judge(message: TrajectoryMessage, names: JointNames) -> tuple[Trajectory | N
         for point in message.points
     ]
     path, findings = form(message.joint_names, rows, names.joints)
-    wrong = [*_start(message.start_in), *findings, *_tolerances(message, names)]
+    wrong = [*_start(message.start_in), *findings, *islice(_tolerances(message, names), MOST)]
     return (None if wrong else path), wrong
 
 
@@ -83,26 +84,24 @@ def _start(start_in: float | None) -> list[Finding]:
     ]
 
 
-def _tolerances(message: TrajectoryMessage, names: JointNames) -> list[Finding]:
+def _tolerances(message: TrajectoryMessage, names: JointNames) -> Iterator[Finding]:
     """Tolerances name joints of the robot, once each: positive, 0 for the default or -1 for no check."""
-    findings = []
+    if message.goal_time is not None and not message.goal_time >= 0.0:
+        reason = "goal_time (s) must not be negative"
+        yield Finding(ReasonCode.BAD_SCHEMA, value=message.goal_time, bound=0.0, message=reason)
     seen = set()
     for tolerance in message.tolerances or ():
         name = tolerance.joint
         place = names.places.get(name)
         if place is None:
-            findings.append(unknown_joint(name, names.joints, "tolerance: "))
+            yield unknown_joint(name, names.joints, "tolerance: ")
         elif name in seen:
-            findings.append(Finding(ReasonCode.DUP_JOINT, joint=place, message="two tolerances"))
+            yield Finding(ReasonCode.DUP_JOINT, joint=place, message="two tolerances")
         seen.add(name)
         for key, given in (("path", tolerance.path), ("goal", tolerance.goal)):
             if given is not None and not (given >= 0.0 or given == -1.0):
                 reason = f"{key} tolerance (rad) must be positive, 0 for the default or -1 for no check"
-                findings.append(Finding(ReasonCode.BAD_SCHEMA, place, value=given, bound=0.0, message=reason))
-    if message.goal_time is not None and not message.goal_time >= 0.0:
-        reason = "goal_time (s) must not be negative"
-        findings.append(Finding(ReasonCode.BAD_SCHEMA, value=message.goal_time, bound=0.0, message=reason))
-    return findings
+                yield Finding(ReasonCode.BAD_SCHEMA, place, value=given, bound=0.0, message=reason)
 
 
 def policy(message: TrajectoryMessage, description: Mapping[str, object]) -> str:

@@ -15,6 +15,7 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_map import similar_joints
 from twind.robot.trajectory import Trajectory
 
+LONGEST = 64  # characters of a joint's name
 MOST = 32  # findings of names, and of shapes: the search for similar names takes time
 ROUNDING = 1e-12  # s: stamps of 60 s are exact to 7e-15, so a step of 1 ms may read a little less
 
@@ -58,6 +59,7 @@ def form(
 
 def unknown_joint(name: str, names: Sequence[str], what: str = "") -> Finding:
     """Return UNKNOWN_JOINT with similar names and a command that lists all. `what`: prefix of the message."""
+    name = name[: LONGEST + 1]
     hint = f"{similar_joints(name, names)}; `twindctl status --joints` lists all"
     return Finding(ReasonCode.UNKNOWN_JOINT, message=f"{what}no joint {name!r}; {hint}")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.client import Client, ClientError
+from twind.command_line.keep_torque_off import require_limp
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.counts import rad_per_tick
@@ -126,8 +127,9 @@ class FinishTask:
             self._write({item: "none"})
 
     def settle_signs(self, client: Client, joints: Sequence[JointSpec]) -> None:
-        """Have each joint moved by hand; write its sign. Raises Rejected: the daemon has another file."""
+        """Have each joint moved by hand; write its sign. Raises Rejected: torque is on, or another file."""
         self._require_same(client)
+        require_limp(client, MonotonicClock())  # a joint that holds would be moved against its torque
         for joint in joints:
             sign = self._sign(client, joint)
             self._write({f"joints.{joint.name}.sign": str(sign)})
@@ -146,13 +148,17 @@ class FinishTask:
         self._write(values)
 
     def settle_rest(self, client: Client) -> None:
-        """Take the pose in which the limp robot lies as `poses.rest`. Raises Rejected: not calibrated."""
+        """Take the pose in which the limp robot lies as `poses.rest`.
+
+        Raises Rejected: not calibrated, or torque is on.
+        """
         known = self._calibration().by_name
         missing = [joint.name for joint in self.robot.joints if joint.actuator not in known]
         if missing:
             raise Rejected(f"{', '.join(missing[:5])}: not calibrated: {CALIBRATE}")
         self._require_calibrated(client)
         self.ask("Lay the robot where nothing falls without torque, then press Enter ")
+        require_limp(client, MonotonicClock())  # a robot that holds itself shows no place where it lies
         positions = _positions(client)
         pose: dict[str, float] = {}
         for joint in self.robot.joints:

@@ -3,7 +3,9 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,17 +23,25 @@ TURN = 6.283185307179586
 
 
 class Positions:
-    """Stand-in for a connection: the positions that the daemon tells, one after the other."""
+    """Stand-in for a connection: the positions that the daemon tells, one after each question."""
 
-    def __init__(self, sha256: str, *places: float) -> None:
+    def __init__(self, sha256: str, *places: float, torque: bool = False) -> None:
         self.sha256 = sha256
-        self.places = list(places)
+        self.places = places
+        self.torque = torque
+        self.asked = 0
 
     def call(self, method: str, **_: Any) -> dict[str, Any]:
         if method == "GetRobot":
             return {"robot": {"text_sha256": self.sha256}}
-        joint = {"name": "r_sho", "position": self.places.pop(0), "heard": True, "age_ms": 5.0}
-        return {"joints": [joint]}
+        status = {"mode": "mirror", "armed": self.torque}
+        joint = {"name": "r_sho", "heard": True, "age_ms": 5.0, "torque": self.torque}
+        return {"status": status, "joints": [joint | {"position": self.places[self.asked - 1]}]}
+
+    def answer(self, question: str) -> str:
+        """Answer a question: a hand has done what it asks for."""
+        self.asked += "press Enter" in question
+        return "fixed" if "carries" in question else ""
 
 
 @pytest.mark.parametrize(
@@ -54,8 +64,9 @@ def test_the_sign_is_that_of_the_shortest_movement(
     file = tmp_path / "op" / "op.yaml"
     robot = read_robot(file)
     described = RobotDescription(robot, {}, None, tmp_path / "none.yaml", tmp_path)
-    task = FinishTask(described, RobotFileEdit(file), lambda question: "")
-    task.settle_signs(Positions(robot.text_sha256, *places), task.open_joints("sign"))  # type: ignore[arg-type]
+    daemon = Positions(robot.text_sha256, *places)
+    task = FinishTask(described, RobotFileEdit(file), daemon.answer)
+    task.settle_signs(daemon, task.open_joints("sign"))  # type: ignore[arg-type]
     assert [joint.sign for joint in read_robot(file).joints] == [sign]
     assert words in capsys.readouterr().out
 
@@ -66,17 +77,37 @@ def test_signs_follow_answers_that_changed_the_file_in_the_same_run(tmp_path: Pa
     assert main(["robot", "new", "op", "--folder", str(tmp_path / "op"), "--from", str(source)]) == 0
     file = tmp_path / "op" / "op.yaml"
     robot = read_robot(file)
-    task = FinishTask(
-        RobotDescription(robot, {}, None, tmp_path / "none.yaml", tmp_path),
-        RobotFileEdit(file),
-        lambda question: "fixed" if "carries" in question else "",
-    )
+    daemon = Positions(robot.text_sha256, 0.0, 0.5)
+    described = RobotDescription(robot, {}, None, tmp_path / "none.yaml", tmp_path)
+    task = FinishTask(described, RobotFileEdit(file), daemon.answer)
     task.settle_answers(None, no_watchdog=False)
     joints = task.open_joints("sign")
     with pytest.raises(Rejected, match="restart it"):
         task.settle_signs(Positions("another file"), joints)  # type: ignore[arg-type]
-    task.settle_signs(Positions(robot.text_sha256, 0.0, 0.5), joints)  # type: ignore[arg-type]
+    task.settle_signs(daemon, joints)  # type: ignore[arg-type]
     assert read_robot(file).todo == ("joints.r_sho.limits_rad", "poses.rest")
+
+
+@pytest.mark.parametrize("rest", [False, True], ids=["sign", "rest pose"])
+def test_a_robot_with_torque_settles_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, rest: bool
+) -> None:
+    """A robot that its torque holds up may fall without it, and no hand moves its joints."""
+    source = tmp_path / "op.robot"
+    source.write_text(ROBOTIS)
+    assert main(["robot", "new", "op", "--folder", str(tmp_path / "op"), "--from", str(source)]) == 0
+    file = tmp_path / "op" / "op.yaml"
+    before = file.read_text()
+    daemon = Positions(read_robot(file).text_sha256, 0.0, 0.5, torque=True)
+    described = RobotDescription(read_robot(file), {}, None, tmp_path / "none.yaml", tmp_path)
+    task = FinishTask(described, RobotFileEdit(file), daemon.answer)
+    entries = SimpleNamespace(by_name=dict.fromkeys(joint.actuator for joint in task.robot.joints))
+    monkeypatch.setattr(task, "_calibration", lambda: entries)
+    monkeypatch.setattr(task, "_require_calibrated", lambda _: None)
+    signs = partial(task.settle_signs, joints=task.open_joints("sign"))
+    with pytest.raises(Rejected, match="torque is on: r_sho"):
+        (task.settle_rest if rest else signs)(daemon)  # type: ignore[arg-type]
+    assert file.read_text() == before
 
 
 @pytest.mark.parametrize("named", ["desk/arm.yaml", None])

@@ -1,17 +1,21 @@
 """Bounds on what one client costs the others: memory, rights and time of a real front process."""
 
 import contextlib
+import json
+import os
 import socket
 import time
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import pytest
 
-from tests.support.loop_stand_in import StandIn
+from tests.support.loop_stand_in import NAMES, StandIn
 from tests.support.raw_connection import Raw
 from tests.support.shared_front import SharedFront
 from twind import link
+from twind.loop.ipc.front_process import HEARTBEAT
 from twind.protocol import CONTROL
 
 STATUS = b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0'
@@ -22,6 +26,12 @@ def resident(loop: StandIn) -> float:
     loop.await_lookahead()
     pages = int(Path(f"/proc/{loop.front.pid}/statm").read_text().split()[1])
     return pages * 4096 / 2**20
+
+
+def computed(loop: StandIn) -> float:
+    """Return the processor time (s) of the front process."""
+    user, system = Path(f"/proc/{loop.front.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
 def flood(client: Raw, message: bytes) -> None:
@@ -168,3 +178,37 @@ def test_a_subscriber_gone_before_its_first_message_does_not_affect_others(loop:
         loop.send(link.VerdictReport(time=1.0, sequence=1, id="x", verdict={"refusals": []}))
         assert other.receive()["parameters"]["topic"] == "verdicts"
         assert "error" not in other.call("GetStatus")
+
+
+POINT = {"positions": [0.0], "velocities": [0.0], "time_from_start": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("method", "parameters"),
+    [
+        ("Setpoint", {"joint_names": [NAMES[0]] * 300_000, "positions": []}),
+        ("Setpoint", {"joint_names": ["toe"] * 300_000, "positions": []}),
+        (
+            "Check",
+            {
+                "trajectory": {
+                    "joint_names": [NAMES[0]],
+                    "points": [POINT],
+                    "tolerances": [{"joint": f"toe_{place}"} for place in range(150_000)],
+                }
+            },
+        ),
+        ("Check", {"trajectory": {"joint_names": ["toe " * 900_000], "points": [POINT]}}),
+    ],
+    ids=["one joint often", "unknown joints", "unknown tolerances", "a long name"],
+)
+def test_a_call_as_large_as_it_may_be_does_not_hold_up_the_others(
+    loop: StandIn, method: str, parameters: dict[str, Any]
+) -> None:
+    """A front process that sends no heartbeat for so long is killed, and all leases end."""
+    with Raw(loop) as client:
+        client.call("GetStatus")
+        before = computed(loop)
+        refused = client.call(method, **parameters)
+    assert len(json.dumps(refused)) < 100_000
+    assert computed(loop) - before < 0.5 * HEARTBEAT

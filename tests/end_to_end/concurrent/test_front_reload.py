@@ -1,5 +1,6 @@
 """A real front whose loop grants changes, refuses them or says nothing: it goes by the loop's word alone."""
 
+import resource
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -80,6 +81,26 @@ def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_
     assert last.generation == 1
 
 
+def test_a_path_that_waits_behind_one_sent_back_is_judged_by_the_new_limits(
+    loop: StandIn, tmp_path: Path
+) -> None:
+    """It begins in the moment in which the one ahead of it on its connection is sent back."""
+    loop.answers[link.ApplyChanges] = lambda _: []  # until the path is being swept
+    files(tmp_path, robot=NARROW)
+    with Raw(loop) as busy, Raw(loop) as other:
+        other.send("Reload", parameters={})
+        adopt = loop.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
+        for points in (2000, 2):
+            busy.send("Check", parameters={"trajectory": path(points)})
+        time.sleep(0.05)
+        loop.send(*granted(adopt))
+        assert other.receive()["parameters"] == {"applied": [KEY], "needs_restart": []}
+        assert code(busy.receive()) == "CMD_EXPIRED"
+        assert "error" not in busy.receive()
+    (submit,) = [command for command in loop.commands if isinstance(command, link.Submit)]
+    assert (submit.points, submit.generation) == (2, 1)
+
+
 def test_without_the_loop_s_word_the_front_goes_by_the_old_values(loop: StandIn, tmp_path: Path) -> None:
     finding = Finding(ReasonCode.BUSY, message="torque is on")
     loop.answers[link.ApplyChanges] = lambda command: [
@@ -126,6 +147,28 @@ def test_a_loop_without_a_reply_to_new_values_gets_another_front_process(tmp_pat
     assert stand_in.front.wait(reload_queue.ANSWER + 5.0) == 0
     assert "LOOP_SILENT" in stand_in.log.read_text()
     stand_in.close()
+
+
+@pytest.mark.parametrize("first", [True, False], ids=["the first", "a later one"])
+def test_a_change_without_descriptors_is_refused_and_the_next_one_is_made(
+    loop: StandIn, *, first: bool
+) -> None:
+    """No change is left half made, which would keep all others waiting or end this front process."""
+    loop.answers[link.ApplyChanges] = granted
+    least = 3  # every number up to it is taken
+    usual = resource.prlimit(loop.front.pid, resource.RLIMIT_NOFILE)
+    with Raw(loop) as client:
+        assert "error" not in client.call("GetStatus")
+        if not first:
+            assert "error" not in client.call("SetParameters", parameters={"log_level": "warning"})
+        resource.prlimit(loop.front.pid, resource.RLIMIT_NOFILE, (least, usual[1]))
+        answer = client.call("SetParameters", parameters={"log_level": "info"})
+        assert code(answer) == "CONFIG_REFUSED"
+        resource.prlimit(loop.front.pid, resource.RLIMIT_NOFILE, usual)
+        made = client.call("SetParameters", parameters={"log_level": "debug"})
+        assert made["parameters"]["parameters"]["log_level"] == "debug"
+        time.sleep(reload_queue.ANSWER + 0.5)
+        assert "error" not in client.call("GetStatus")
 
 
 GAINS = "types.xm430.gains"

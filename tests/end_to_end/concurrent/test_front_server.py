@@ -12,6 +12,7 @@ import pytest
 import varlink
 
 from tests.support.loop_stand_in import NAMES, StandIn, briefing
+from tests.support.processes import until
 from tests.support.raw_connection import CONTRACT, Raw, code
 from tests.support.scenes_front import SCENES
 from tests.support.shared_front import SharedFront
@@ -50,6 +51,20 @@ def test_varlink_understands_our_errors(loop: StandIn) -> None:
 
 
 # --------------------------------------------------------------------------- what is answered here
+
+
+def test_a_status_is_refused_while_the_loop_reports_nothing(tmp_path: Path) -> None:
+    """A loop that hangs would pass for one whose readings are new and whose robot is armed."""
+    stand_in = StandIn(tmp_path)
+    with Raw(stand_in) as client:
+        assert client.call("GetStatus")["parameters"]["status"]["armed"]
+        stand_in.rate = 0.3  # its next report is 3.3 s ahead
+        time.sleep(2.5)
+        refused = client.call("GetStatus")
+        assert refused["error"] == f"{CONTROL}.Busy"
+        assert "bound 2 s" in refused["parameters"]["what"]
+        until(lambda: "error" not in client.call("GetStatus"), 5.0, "its next report")
+    assert stand_in.close() == 0
 
 
 @pytest.mark.parametrize("name", ["control", "observe"])

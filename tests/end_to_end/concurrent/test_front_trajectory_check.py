@@ -131,6 +131,38 @@ def test_a_stop_ends_the_path_that_is_being_judged(front: SharedFront, method: s
     assert all(each.check_only for each in front.submits())
 
 
+@pytest.mark.parametrize("method", ["Cancel", "Disarm", "EStop"])
+@pytest.mark.parametrize("own", [True, False], ids=["of its own connection", "of another one"])
+def test_a_motion_that_waits_for_its_turn_does_not_begin_after_a_stop(
+    front: SharedFront, method: str, *, own: bool
+) -> None:
+    """Else each motion that a stop ends would let the next one begin that was sent before the stop."""
+    front.answers[link.Submit] = lambda command: [
+        link.Reply(ticket=command.ticket, parameters={"phase": "accepted"}, continues=True)
+    ]
+    with Raw(front) as client, Raw(front) as other:
+        for _ in range(2):
+            client.send("SubmitTrajectory", parameters={"trajectory": CLEAR}, more=True)
+        for waiting in ("Arm", "Reset", "GetStatus"):
+            client.send(waiting, parameters={})
+        running = front.await_command(link.Submit)
+        assert isinstance(running, link.Submit)
+        (client if own else other).send(method)
+        front.await_command(getattr(link, method))
+        front.send(link.Reply(ticket=running.ticket, parameters={"phase": "cancelled"}))
+        assert [client.receive()["parameters"]["phase"] for _ in range(2)] == ["accepted", "cancelled"]
+        for _ in range(3):
+            refused = client.receive()
+            assert code(refused) == "BUSY"
+            assert "stopped before its turn" in refused["parameters"]["findings"][0]["message"]
+        assert "error" not in client.receive()
+        (client if own else other).receive()
+        client.send("SubmitTrajectory", parameters={"trajectory": CLEAR}, more=True)  # sent after the stop
+        assert client.receive()["parameters"]["phase"] == "accepted"
+    assert len(front.submits()) == 2
+    assert not [each for each in front.commands if isinstance(each, link.Arm | link.Reset)]
+
+
 def test_calls_of_one_connection_stay_in_their_order(front: SharedFront) -> None:
     with Raw(front) as client:
         for trajectory in (LONG, CLEAR, INTO_ITSELF):
