@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.gate_rig import ratings
 from tests.support.procedure_rig import PLACE, REST, ProcedureRig
-from twind.loop.procedures.lowering import USUAL, lower
+from twind.loop.procedures.lowering import NEAR, USUAL, lower
 from twind.loop.procedures.torque_takeover import take_over
 from twind.robot.arrays import Bools
 
@@ -105,3 +105,43 @@ def test_where_all_with_torque_share_their_joints_with_a_limp_actuator_nothing_i
     rig.found((1, 0, 1))
     assert not rig.run(take_over(rig, lambda: NONE, False))
     assert rig.hardware.log == []
+
+
+# --------------------------------------------------------------------------------------------- legs
+
+
+@pytest.mark.parametrize(
+    ("support", "legs", "away", "begins"),
+    [
+        ("free", TOE, NEAR + 0.01, False),
+        ("free", TOE, -NEAR - 0.01, False),
+        ("free", TOE, np.nan, False),
+        ("free", HIP | TOE, NEAR + 0.01, False),
+        ("free", TOE, NEAR, True),
+        ("free", HIP | KNEE, NEAR + 0.01, True),
+        ("gantry", TOE, NEAR + 0.01, True),
+    ],
+)
+def test_a_robot_on_its_own_feet_is_not_lowered_while_one_leg_stays_away_from_the_rest_pose(
+    support: str, legs: Bools, away: float, begins: bool
+) -> None:
+    """It would be driven to its fall; its joints yield at once instead."""
+    rig = robot(support, legs)
+    rig.hardware.left_out = TOE
+    place = PLACE.copy()
+    place[2] = REST[2] + away
+    rig.read(position=place)
+    assert lowered(rig) is (support == "gantry")
+    assert (rig.robot.written != PLACE).any() == begins
+    told = [(each.level, each.code, each.message) for each in rig.book.events]
+    if not begins:
+        message = "toe cannot be moved: no way to the rest pose on the other leg"
+        assert told == [("error", "SETTLE", message)]
+
+
+def test_a_leg_whose_transmission_has_a_silent_actuator_stays_too() -> None:
+    rig = robot("free", KNEE | TOE, SHARED)
+    silent(rig)
+    assert not lowered(rig)
+    assert rig.codes() == ["DEVICE_MISSING", "SETTLE"]
+    assert rig.robot.written.tolist() == PLACE.tolist()

@@ -65,6 +65,8 @@ def lower(
         if reference is None or context.torque.soft_since is not None or now >= until:
             break
         left = context.torque.limp | context.hardware.left_out | _half_silent(context)
+        if _only_one_leg_moves(context, left, target):
+            return False
         start = choose(left, still(reference.position), reference)
         there = np.where(left, reference.position, target)
         way = settle(start, there, robot.limits, profile.way, profile.speed)
@@ -102,6 +104,21 @@ def _half_silent(context: ProcedureContext) -> Bools:
         message = f"{joint_names(context, found)} stay where they are: not all their actuators answer"
         context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
     return found
+
+
+def _only_one_leg_moves(context: ProcedureContext, left: Bools, target: Floats) -> bool:
+    """Check for a leg of a free-standing robot that stays away from `target` (n,) while the other crouches.
+
+    The robot would be driven to its fall. `left` (n,): joints that are not moved.
+    """
+    robot = context.robot
+    near = np.abs(robot.measured.position - target) <= NEAR
+    away = left & robot.description.ratings.leg & ~near
+    falls = not robot.carried and some(away)
+    if falls:
+        message = f"{joint_names(context, away)} cannot be moved: no way to the rest pose on the other leg"
+        context.reports.event("error", EventCode.SETTLE, message)
+    return falls
 
 
 def _confirm_begun(context: ProcedureContext) -> Steps:
