@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.gate_rig import limits
+from tests.support.gate_rig import limits, ratings
 from twind import link
 from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallOutcome
@@ -200,7 +200,7 @@ class ProcedureRig:
             SimpleNamespace(name="upper", ids=(7,), joints=np.array([2])),
         )
         joints: Any = JointNames(buses)
-        described = RobotInForce(_described(3), joints, bounds, None, REST, support, period)  # type: ignore[arg-type]
+        described = RobotInForce(_described(3), joints, bounds, ratings(3), REST, support, period)
         self.robot = ControlledRobot(described, None, self.state(PLACE))
         self.robot.measured = self.state(PLACE)
         self.hardware: Any = ScriptedHardware(self.clock)

@@ -348,6 +348,7 @@ ROOMS = (
             "tests/loop/test_torque_takeover.py",
             "tests/loop/test_takeover_errors.py",
             "tests/loop/test_lowering.py",
+            "tests/loop/test_joints_left_in_place.py",
             "tests/loop/test_torque_switching.py",
             "tests/loop/test_fold_and_stop_requests.py",
         ),

@@ -9,11 +9,12 @@ import numpy as np
 
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps, ticks
-from twind.loop.procedures.torque_switching import error_text
+from twind.loop.procedures.torque_readback import REPLIED
+from twind.loop.procedures.torque_switching import error_text, joint_names
 from twind.motion.motion_layers import choose
 from twind.motion.settle import SPEED, settle
 from twind.motion.stop_profiles import still
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Bools, Floats, some
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
@@ -65,11 +66,13 @@ def lower(
         now = context.clock.now()
         if reference is None or context.torque.soft_since is not None or now >= until:
             break
-        limp = context.torque.limp
-        start = choose(limp, still(reference.position), reference)
-        there = np.where(limp, reference.position, target)
+        left = context.torque.limp | context.hardware.left_out | _half_silent(context)
+        if _only_one_leg_moves(context, left, target):
+            return False
+        start = choose(left, still(reference.position), reference)
+        there = np.where(left, reference.position, target)
         way = settle(start, there, robot.limits, profile.way, profile.speed)
-        way = replace(way, commanded=~limp)
+        way = replace(way, commanded=~left)
         refused = context.executor.submit("settle", way)
         if refused is not None:
             message = f"no way to the rest pose: {refused.message}"
@@ -83,11 +86,41 @@ def lower(
             until = now + lasts + LATE if robot.carried else until
         yield from _confirm_begun(context)
         yield from _wait_for_end(context, until)
-        if _arrived(context, target):
+        if _arrived(context, target, left):
             return robot.carried or (yield from _rests(context, target, until))
     if context.torque.soft_since is None:
         context.reports.event("error", EventCode.SETTLE, "the way to the rest pose came to no end")
     return False
+
+
+def _half_silent(context: ProcedureContext) -> Bools:
+    """Return and report the joints (n,) that stay where they are, as an actuator of theirs is silent.
+
+    Where several turn joints together, the others alone would turn these elsewhere than to the pose.
+    """
+    age = context.robot.measured.age
+    found = np.zeros(len(age), np.bool_)
+    for places in context.robot.joints.transmission_groups:
+        found[places] = some(~(age[places] <= REPLIED))
+    if some(found):
+        message = f"{joint_names(context, found)} stay where they are: not all their actuators answer"
+        context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
+    return found
+
+
+def _only_one_leg_moves(context: ProcedureContext, left: Bools, target: Floats) -> bool:
+    """Check for a leg of a free-standing robot that stays away from `target` (n,) while the other crouches.
+
+    The robot would be driven to its fall. `left` (n,): joints that are not moved.
+    """
+    robot = context.robot
+    near = np.abs(robot.measured.position - target) <= NEAR
+    away = left & robot.description.ratings.leg & ~near
+    falls = not robot.carried and some(away)
+    if falls:
+        message = f"{joint_names(context, away)} cannot be moved: no way to the rest pose on the other leg"
+        context.reports.event("error", EventCode.SETTLE, message)
+    return falls
 
 
 def _confirm_begun(context: ProcedureContext) -> Steps:
@@ -103,13 +136,13 @@ def _wait_for_end(context: ProcedureContext, until: float) -> Steps:
         now = yield
 
 
-def _arrived(context: ProcedureContext, target: Floats) -> bool:
-    """Check that the goals are at the pose `target` (n,), but for limp joints."""
+def _arrived(context: ProcedureContext, target: Floats, left: Bools) -> bool:
+    """Check that the goals are at the pose `target` (n,), but for the joints `left` (n,)."""
     reference = context.executor.reference
     if reference is None:
         return False
     arrived = np.abs(reference.position - target) <= ARRIVED
-    return bool((arrived | context.torque.limp).all())
+    return bool((arrived | left).all())
 
 
 def _check_goals_taken(context: ProcedureContext) -> Generator[None, float, bool]:

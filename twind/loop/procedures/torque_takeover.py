@@ -69,8 +69,10 @@ def take_over(
         message = f"the position of {joint_names(context, unknown)} is unknown"
         remedy = "it gets no goal, and torque goes off where it stands; support it"
         _leave_out(context, unknown, ReasonCode.CALIB_MISMATCH, message, remedy, whole)
-        if not some(located):
-            return False
+    # Where one actuator of a transmission is limp, the others would turn its joints away from the pose.
+    located = located & ~spread_over_groups(torque.limp, context.robot.joints.transmission_groups)
+    if not some(located):
+        return False
     yield from _prepare(context, here, located, whole)
     take(context, here)
     return True
