@@ -70,8 +70,9 @@ class DeviceCommands:
 
     def _read(self, command: link.ReadRegister) -> Procedure:
         port = self._port(command.bus, command.id)
-        if isinstance(port, CallFailure) or port.reader is None:
-            return port if isinstance(port, CallFailure) else None
+        if isinstance(port, CallFailure):
+            return port
+        assert port.reader is not None  # `_port` has checked it
         task = port.run(port.reader.read(command.id, command.name))
         return (yield from _outcome(port, task, _register, command.name))
 
@@ -89,11 +90,11 @@ class DeviceCommands:
             return self._with_torque(f"torque of id {command.id} on or not read")
         if context.procedures.rank is not None:
             return CallFailure("Busy", {"what": f"bus {port.name}"})
-        denied = self._denied(command, port, "write a register", unknown=True)
-        if denied is not None or port.writer is None:
+        if (denied := self._denied(command, port, "write a register", unknown=True)) is not None:
             return denied
-        if _is_eeprom(port, command) and not self._calibrating.on:  # ended while the torque was read
+        if kept and not self._calibrating.on:  # ended while the torque was read
             return self._calibrating.not_calibrating(command)
+        assert port.writer is not None  # `_denied` has checked it
         task: ScriptRun[RegisterAddress] = port.run(
             port.writer.write(command.id, command.name, command.value)
         )
@@ -114,9 +115,9 @@ class DeviceCommands:
         port = self._port(command.bus, command.id)
         if isinstance(port, CallFailure):
             return port
-        denied = self._denied(command, port, "reboot a device")
-        if denied is not None or port.writer is None:
+        if (denied := self._denied(command, port, "reboot a device")) is not None:
             return denied
+        assert port.writer is not None  # `_denied` has checked it
         task = port.run(port.writer.reboot(command.id))
         outcome = yield from _outcome(port, task, self._rebooted)
         if task.result is None:
@@ -241,16 +242,16 @@ def _is_eeprom(port: BusPort, command: link.WriteRegister) -> bool:
 
     False for an unknown register: the write itself reports it.
     """
+    assert port.reader is not None  # the caller has checked it
     try:
-        return port.reader is not None and port.reader.keeps(command.id, command.name)
+        return port.reader.keeps(command.id, command.name)
     except (InvalidInput, KeyError):
         return False
 
 
 def _limp(port: BusPort, id: int) -> Generator[None, float, bool]:
     """True where the torque of the device reads off now."""
-    if port.reader is None:
-        return False
+    assert port.reader is not None  # the caller has checked it
     task = port.run(port.reader.read(id, "torque_enable"))
     try:
         yield from all_of([task])
