@@ -61,8 +61,8 @@ class DeviceCommands:
         """Run a procedure beside the others and send its outcome."""
 
         def answer(outcome: CallOutcome | None) -> None:
-            if outcome is not None:
-                self._context.reports.answer(command, outcome)
+            assert outcome is not None  # each of these calls has one
+            self._context.reports.answer(command, outcome)
 
         self._context.procedures.beside(body, answer)
 
@@ -99,14 +99,13 @@ class DeviceCommands:
             port.writer.write(command.id, command.name, command.value)
         )
         outcome = yield from _outcome(port, task, _register, command.name)
-        done = "is written" if task.error is None else "was refused"
-        if isinstance(task.error, BusError) and not isinstance(task.error, DeviceRefused):
-            done = "is not confirmed"
+        refused = isinstance(task.error, DeviceRefused | ValueError | KeyError)
+        done = "is written" if task.error is None else "was refused" if refused else "is not confirmed"
         message = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
         context.reports.event("info", EventCode.REGISTER, message)
-        if kept and (task.error is None or isinstance(task.error, BusError)):
-            # the device may no longer match the robot file, which identification reports at once; also after
-            # a write that was not confirmed
+        unsure = isinstance(task.error, BusError) and (kept or not refused)
+        if unsure or (task.result is not None and task.result.eeprom):
+            # the device may no longer match the robot file, which identification reports at once
             port.identify()
         return outcome
 
@@ -141,8 +140,8 @@ class DeviceCommands:
             yield from all_of([task])
         except BusError as error:
             return CallFailure("BusFailed", {"bus": port.name, "message": str(error)})
-        found = list(task.result or ())
-        if not found:
+        assert task.result is not None
+        if not task.result:
             why = NoReply(port.name, port.reader.ids, 0.0, "ping") if port.reader else port.trouble
             silent = port.reader is not None
             return CallFailure("BusFailed", {"bus": port.name, "message": str(why), "silent": silent})
@@ -156,7 +155,7 @@ class DeviceCommands:
                 "settings": dict(device.settings),
                 "unique_id": device.unique_id,
             }
-            for device in found
+            for device in task.result
         ]
         for parameters in replies[:-1]:
             self._context.reports.reply(command, continues=True, **parameters)
