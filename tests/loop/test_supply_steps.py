@@ -29,7 +29,7 @@ def stays_away() -> Procedure:
 
 def test_without_a_power_process_nothing_happens() -> None:
     rig = Supply()
-    rig.control = SupplyControl(rig, None, rig.stop)
+    rig.control = SupplyControl(rig, None, rig.begin_stop)
     rig.serve(10.0)
     rig.control.beat()
     rig.control.close()

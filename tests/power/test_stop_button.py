@@ -46,12 +46,37 @@ def test_a_silent_or_babbling_line_is_unplugged_until_it_speaks_again(wire: PtyW
     assert button.read(10.1 + SILENT - 0.01) is ButtonState.RELEASED
     assert button.read(10.1 + SILENT + 0.01) is ButtonState.UNPLUGGED
     assert str(wire.path) in button.trouble
+    wire.path.unlink()  # it cannot be opened again, and need not be
     later = 10.2 + SILENT + AGAIN
-    assert button.read(later) is ButtonState.UNPLUGGED, "its port opens, and it is still silent"
-    assert str(wire.path) in button.trouble
+    assert button.read(later) is ButtonState.UNPLUGGED
     os.write(wire.fd, b"0")
     assert button.read(later + 0.01) is ButtonState.RELEASED
     assert button.trouble == ""
+
+
+def test_a_serial_button_whose_controller_still_starts_is_unknown_for_as_long_as_the_loop_waits(
+    wire: PtyWire,
+) -> None:
+    button = StopButton("serial", str(wire.path))
+    for now in (10.0, 11.0, 14.0):
+        assert button.read(now) is ButtonState.UNKNOWN
+    assert button.trouble == ""
+    os.write(wire.fd, b"1")
+    assert button.read(14.01) is ButtonState.PRESSED
+
+
+def test_a_serial_button_that_is_plugged_in_again_is_unplugged_until_its_first_byte(
+    wire: PtyWire, tmp_path: Path
+) -> None:
+    button = StopButton("serial", str(wire.path))
+    os.write(wire.fd, b"0")
+    assert button.read(10.0) is ButtonState.RELEASED
+    wire.unplug()
+    assert button.read(10.1) is ButtonState.UNPLUGGED
+    again = PtyWire(tmp_path / "button")
+    assert button.read(10.1 + AGAIN) is ButtonState.UNPLUGGED
+    os.write(again.fd, b"0")
+    assert button.read(10.2 + AGAIN) is ButtonState.RELEASED
 
 
 def test_a_pulled_cable_is_seen_at_once(wire: PtyWire) -> None:

@@ -59,9 +59,10 @@ class Supply(ProcedureRig):
         found = ratings(count)
         object.__setattr__(found, "low_fault", np.array([LOW, LOW, nan]))
         object.__setattr__(self.robot.description, "ratings", found)
-        self.control = SupplyControl(self, self.child, self.stop)  # type: ignore[arg-type]
+        self.control = SupplyControl(self, self.child, self.begin_stop)  # type: ignore[arg-type]
 
-    def stop(self, level: str, reason: str) -> None:
+    def begin_stop(self, level: str, reason: str) -> None:
+        """Latch the e-stop that is asked for, as a daemon does."""
         self.stops.append((level, reason))
         self.condition.latch(Finding(ReasonCode.ESTOP, message=reason))
 

@@ -14,7 +14,9 @@ from twind.power.modem_port import ModemPort
 from twind.power.power_states import ButtonState
 
 AGAIN = 0.5  # s between attempts to open the device
-SILENT = 0.3  # s without a byte of a button with a serial protocol: unplugged
+# s without a byte of a button with a serial protocol: unplugged. Its port stays open, as opening it restarts
+# some microcontrollers, which then are silent for a second or two.
+SILENT = 0.3
 PRESSED = ord("1")
 RELEASED = ord("0")
 # <linux/input.h>
@@ -29,7 +31,7 @@ class ButtonDevice(Protocol):
     """Open device of a button. Its methods raise OSError when it is gone."""
 
     def is_pressed(self, now: float) -> bool | None:
-        """Return whether the button is pressed, or was since the last call; None: not known yet."""
+        """Return whether the button is pressed, or was since the last call; None: not known."""
 
     def close(self) -> None:
         """Release the device."""
@@ -38,19 +40,19 @@ class ButtonDevice(Protocol):
 class SerialButton:
     """Button that sends `0` (released) or `1` (pressed) at least ten times a second."""
 
-    def __init__(self, port: str, now: float) -> None:
+    def __init__(self, port: str) -> None:
         self._port = ModemPort(port)
-        self._last_at = now
-        self._pressed: bool | None = None  # None: no byte yet
+        self._last_at = -inf
+        self._pressed: bool | None = None  # None: no byte yet, or silent
 
     def is_pressed(self, now: float) -> bool | None:
-        """Take in the bytes. Bytes of no meaning are ignored; without others the button is gone."""
+        """Take in the bytes. Bytes of no meaning are ignored; without others the button is silent: None."""
         known = [byte for byte in self._port.read() if byte in (PRESSED, RELEASED)]
         if known:
             self._last_at = now
             self._pressed = known[-1] == PRESSED
         elif now - self._last_at > SILENT:
-            raise OSError(f"no byte for {now - self._last_at:.1f} s")
+            self._pressed = None
         return True if PRESSED in known else self._pressed
 
     def close(self) -> None:
@@ -118,13 +120,13 @@ class KeyButton:
         os.close(self._fd)
 
 
-def open_button(kind: str, port: str, line: int, key: int, now: float) -> ButtonDevice:
+def open_button(kind: str, port: str, line: int, key: int) -> ButtonDevice:
     """Open the device of a button of the robot file. Raises OSError."""
     if kind == "gpio":
         return GpioButton(port, line)
     if kind == "key":
         return KeyButton(port, key)
-    return SerialButton(port, now) if kind == "serial" else CtsButton(port)
+    return SerialButton(port) if kind == "serial" else CtsButton(port)
 
 
 class StopButton:
@@ -135,6 +137,7 @@ class StopButton:
         self._what = (kind, port, line, key)
         self._device: ButtonDevice | None = None
         self._next = -inf  # s, of the next attempt to open it
+        self._was_read = False
 
     def read(self, now: float) -> ButtonState:
         """Return the state of the button now."""
@@ -144,7 +147,7 @@ class StopButton:
                 if now < self._next:
                     return ButtonState.UNPLUGGED
                 self._next = now + AGAIN
-                self._device = open_button(kind, port, line, key, now)
+                self._device = open_button(kind, port, line, key)
             pressed = self._device.is_pressed(now)
         except OSError as error:
             self.trouble = f"stop button {kind} at {port}: {error.strerror or error}"
@@ -152,7 +155,10 @@ class StopButton:
                 self._device.close()
             self._device = None
             return ButtonState.UNPLUGGED
-        if pressed is None:  # opened again after a silence, it is still gone until its first byte
+        if pressed is None:
+            if self._was_read:
+                self.trouble = f"stop button {kind} at {port}: no byte for more than {SILENT:g} s"
             return ButtonState.UNPLUGGED if self.trouble else ButtonState.UNKNOWN
+        self._was_read = True
         self.trouble = ""
         return ButtonState.PRESSED if pressed else ButtonState.RELEASED

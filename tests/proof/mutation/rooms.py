@@ -498,6 +498,11 @@ ROOMS = (
         ("twind/loop/procedures/supply_control.py",),
         ("tests/loop/test_supply_steps.py", "tests/loop/test_measured_supply.py"),
     ),
+    Room(
+        "devices",
+        ("twind/loop/procedures/device_procedures.py",),
+        ("tests/loop/test_device_steps.py",),
+    ),
 )
 
 

@@ -61,8 +61,8 @@ class DeviceCommands:
         """Run a procedure beside the others and send its outcome."""
 
         def answer(outcome: CallOutcome | None) -> None:
-            if outcome is not None:
-                self._context.reports.answer(command, outcome)
+            assert outcome is not None  # each of these calls has one
+            self._context.reports.answer(command, outcome)
 
         self._context.procedures.beside(body, answer)
 
@@ -70,8 +70,9 @@ class DeviceCommands:
 
     def _read(self, command: link.ReadRegister) -> Procedure:
         port = self._port(command.bus, command.id)
-        if isinstance(port, CallFailure) or port.reader is None:
-            return port if isinstance(port, CallFailure) else None
+        if isinstance(port, CallFailure):
+            return port
+        assert port.reader is not None  # `_port` has checked it
         task = port.run(port.reader.read(command.id, command.name))
         return (yield from _outcome(port, task, _register, command.name))
 
@@ -89,23 +90,22 @@ class DeviceCommands:
             return self._with_torque(f"torque of id {command.id} on or not read")
         if context.procedures.rank is not None:
             return CallFailure("Busy", {"what": f"bus {port.name}"})
-        denied = self._denied(command, port, "write a register", unknown=True)
-        if denied is not None or port.writer is None:
+        if (denied := self._denied(command, port, "write a register", unknown=True)) is not None:
             return denied
-        if _is_eeprom(port, command) and not self._calibrating.on:  # ended while the torque was read
+        if kept and not self._calibrating.on:  # ended while the torque was read
             return self._calibrating.not_calibrating(command)
+        assert port.writer is not None  # `_denied` has checked it
         task: ScriptRun[RegisterAddress] = port.run(
             port.writer.write(command.id, command.name, command.value)
         )
         outcome = yield from _outcome(port, task, _register, command.name)
-        done = "is written" if task.error is None else "was refused"
-        if isinstance(task.error, BusError) and not isinstance(task.error, DeviceRefused):
-            done = "is not confirmed"
+        refused = isinstance(task.error, DeviceRefused | ValueError | KeyError)
+        done = "is written" if task.error is None else "was refused" if refused else "is not confirmed"
         message = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
         context.reports.event("info", EventCode.REGISTER, message)
-        if kept and (task.error is None or isinstance(task.error, BusError)):
-            # the device may no longer match the robot file, which identification reports at once; also after
-            # a write that was not confirmed
+        unsure = isinstance(task.error, BusError) and (kept or not refused)
+        if unsure or (task.result is not None and task.result.eeprom):
+            # the device may no longer match the robot file, which identification reports at once
             port.identify()
         return outcome
 
@@ -114,9 +114,9 @@ class DeviceCommands:
         port = self._port(command.bus, command.id)
         if isinstance(port, CallFailure):
             return port
-        denied = self._denied(command, port, "reboot a device")
-        if denied is not None or port.writer is None:
+        if (denied := self._denied(command, port, "reboot a device")) is not None:
             return denied
+        assert port.writer is not None  # `_denied` has checked it
         task = port.run(port.writer.reboot(command.id))
         outcome = yield from _outcome(port, task, self._rebooted)
         if task.result is None:
@@ -140,8 +140,8 @@ class DeviceCommands:
             yield from all_of([task])
         except BusError as error:
             return CallFailure("BusFailed", {"bus": port.name, "message": str(error)})
-        found = list(task.result or ())
-        if not found:
+        assert task.result is not None
+        if not task.result:
             why = NoReply(port.name, port.reader.ids, 0.0, "ping") if port.reader else port.trouble
             silent = port.reader is not None
             return CallFailure("BusFailed", {"bus": port.name, "message": str(why), "silent": silent})
@@ -155,7 +155,7 @@ class DeviceCommands:
                 "settings": dict(device.settings),
                 "unique_id": device.unique_id,
             }
-            for device in found
+            for device in task.result
         ]
         for parameters in replies[:-1]:
             self._context.reports.reply(command, continues=True, **parameters)
@@ -241,16 +241,16 @@ def _is_eeprom(port: BusPort, command: link.WriteRegister) -> bool:
 
     False for an unknown register: the write itself reports it.
     """
+    assert port.reader is not None  # the caller has checked it
     try:
-        return port.reader is not None and port.reader.keeps(command.id, command.name)
+        return port.reader.keeps(command.id, command.name)
     except (InvalidInput, KeyError):
         return False
 
 
 def _limp(port: BusPort, id: int) -> Generator[None, float, bool]:
     """True where the torque of the device reads off now."""
-    if port.reader is None:
-        return False
+    assert port.reader is not None  # the caller has checked it
     task = port.run(port.reader.read(id, "torque_enable"))
     try:
         yield from all_of([task])
