@@ -44,23 +44,24 @@ class SerialTransport:
 
         `by_signal`: waits for bytes end in time whatever else the machine computes (`ArrivalSignal`). Then
         only the thread that opened the port may use it, and a hang-up ends no wait: the next call that is no
-        read reports it, or one of the next `UNANNOUNCED` reads.
+        read reports it, or one of the next `UNANNOUNCED` reads. Of a taken port only the holder of a flock
+        is named, since a search among all processes would last several ticks.
         """
         self.name = path
         self.baud = baud
         self._path = os.path.realpath(path)
-        self._port = _open(path, baud)
+        self._port = _open(path, baud, search=not by_signal)
         self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
-        # A pty keeps the flag while its other side is open: after a killed holder no program could open it.
-        if not self._path.startswith("/dev/pts/"):
-            fcntl.ioctl(self._fd, termios.TIOCEXCL)
         self.holds = not self._path.startswith("/dev/pts/")  # a pty passes bytes on at once
         self._waiting = bytearray(4)  # result of FIONREAD and TIOCOUTQ
         self._scratch = memoryview(bytearray(SCRATCH))
         self._arrivals: ArrivalSignal | None = None
         self._unannounced = 0  # reads in a row
         try:
+            # A pty keeps the flag while its other side is open: after a killed holder nobody could open it.
+            if self.holds:
+                self._query_kernel(termios.TIOCEXCL, "open")
             self._check_speed(baud)
         except PortError:
             self.close()
@@ -227,7 +228,7 @@ def _slow_timer(tty: str, latency_ms: int | None) -> str:
     )
 
 
-def _open(path: str, baud: int) -> serial.Serial:
+def _open(path: str, baud: int, *, search: bool) -> serial.Serial:
     try:
         node = os.stat(path)
     except FileNotFoundError:
@@ -251,9 +252,8 @@ def _open(path: str, baud: int) -> serial.Serial:
         ) from error
     except OSError as error:  # serial.SerialException is one
         if error.errno in (errno.EBUSY, errno.EAGAIN):
-            raise PortError(
-                path, f"in use by {holder(path)}; stop it first", PortErrorCause.IN_USE
-            ) from error
+            taken = f"in use by {holder(path, search=search)}; stop it first"
+            raise PortError(path, taken, PortErrorCause.IN_USE) from error
         if "baud" in str(error).lower():  # pyserial has no code for it
             raise PortError(
                 path, f"baud rate {baud} is not supported: {error}", PortErrorCause.BAUD_RATE
