@@ -164,11 +164,11 @@ def test_joints_that_get_no_goals_beside_held_ones_count_as_not_read(rig: Input)
     assert measured.position is rig.robot.measured.position
 
 
-@pytest.mark.parametrize(("armed", "whole"), [(False, False), (True, True), (False, True)])
+@pytest.mark.parametrize(("holds", "whole"), [(False, False), (True, True), (False, True)])
 def test_without_held_joints_or_with_all_of_them_each_reading_counts(
-    rig: Input, armed: bool, whole: bool
+    rig: Input, holds: bool, whole: bool
 ) -> None:
-    if armed:
+    if holds:
         rig.hold()
     rig.hardware.is_whole = whole
     rig.hardware.left_out = LIMP
