@@ -4,16 +4,22 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.support.dynamixel_responder import Servos, Wire
+from twind.config.driver_family import BusDriver, BusSetup
 from twind.config.robot_file import load_robot
+from twind.loop.bus import bus_opener
 from twind.loop.bus.bus_opener import BusOpener
+from twind.loop.bus.bus_tap import TappedChannel, TappedTransport
 from twind.twin.binding import bind
 from twind_drivers.bus import PortError, WireRangeError
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.ports.channel import CanChannelStatus
 from twind_drivers.ports.serial_port import SerialTransport
 
 ROBOT = load_robot("h24-split")
@@ -118,3 +124,113 @@ def test_whether_goals_and_request_leave_together_is_the_robot_files(one_write: 
     reader = BusOpener(robot, JOINTS, {FIRST: None, SECOND: None}, 100.0).reader(FIRST, Wire(Servos(())))
     assert isinstance(reader, DynamixelReader)
     assert reader.line.one_write is one_write
+
+
+# ------------------------------------------------------------------------------------- ports of both media
+
+MIXED = load_robot("h24-mixed")
+MIXED_JOINTS = bind(MIXED, None).joint_map
+SERIAL, CAN, OTHER = "upper", "l_leg", "r_leg"
+PORTS = {SERIAL: "/dev/null", CAN: "can:slcan:/dev/ttyACM0", OTHER: None}
+
+
+class OpenedPort:
+    """A port in place of a real one: how it was opened, and whether it was given back."""
+
+    def __init__(self, *how: Any, by_signal: bool = False) -> None:
+        self.how = (*how, by_signal)
+        self.closed = False
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[OpenedPort]:
+    """Every port that is opened, serial or CAN."""
+    found: list[OpenedPort] = []
+
+    def opener(medium: str) -> Any:
+        def open_port(port: str, rate: int, **how: bool) -> OpenedPort:
+            found.append(OpenedPort(medium, port, rate, **how))
+            return found[-1]
+
+        return open_port
+
+    monkeypatch.setattr(bus_opener, "SerialTransport", opener("serial"))
+    monkeypatch.setattr(bus_opener, "open_channel", opener("can"))
+    return found
+
+
+def mixed(**more: Any) -> BusOpener:
+    return BusOpener(MIXED, MIXED_JOINTS, PORTS, 100.0, **more)
+
+
+@pytest.mark.parametrize(("bus", "medium", "rate"), [(SERIAL, "serial", 1_000_000), (CAN, "can", 1_000_000)])
+def test_the_loop_opens_a_port_of_its_medium_and_waits_for_its_bytes_by_signal(
+    opened: list[OpenedPort], monkeypatch: pytest.MonkeyPatch, bus: str, medium: str, rate: int
+) -> None:
+    monkeypatch.setattr(BusOpener, "reader", lambda self, name, port: (name, port))
+    reader: Any = mixed().open(bus)
+    [port] = opened
+    assert reader == (bus, port)
+    assert port.how == (medium, PORTS[bus], rate, True)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_ports_of_both_media_that_are_there_are_opened_once_and_given_back(
+    opened: list[OpenedPort], monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    monkeypatch.setattr(bus_opener, "present", lambda port: there)
+    monkeypatch.setattr(bus_opener.Path, "exists", lambda path: there)
+    mixed().refuse_taken()
+    assert [port.how[:2] for port in opened] == [("serial", "/dev/null"), ("can", PORTS[CAN])] * there
+    assert all(port.closed for port in opened)
+
+
+def test_the_bytes_of_a_bus_with_a_recorder_are_recorded() -> None:
+    serial: Any = Wire(Servos(()))
+    unused = dict.fromkeys(("fileno", "arrival", "close", "drive", "purge"))
+    channel = SimpleNamespace(name="can", warning="", condition=CanChannelStatus(), **unused)
+    tape: Any = object()
+    for bus, port, kind in ((SERIAL, serial, TappedTransport), (CAN, channel, TappedChannel)):
+        assert type(mixed(tapes={bus: tape}).reader(bus, port).transport) is kind
+        assert mixed().reader(bus, port).transport is port
+
+
+class DriverStandIn:
+    """A driver that returns what it receives on its bus."""
+
+    def __init__(self) -> None:
+        self.loaded = 0
+
+    def load(self) -> BusDriver:
+        self.loaded += 1
+        return BusDriver(lambda setup, port: setup, lambda setup, reader: setup)  # type: ignore[arg-type, return-value]
+
+
+def test_drivers_are_imported_before_the_first_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = DriverStandIn()
+    monkeypatch.setattr(bus_opener, "family", lambda kind: SimpleNamespace(driver=driver))
+    mixed()
+    assert driver.loaded == len(MIXED.buses)
+
+
+@pytest.mark.parametrize("bus", [SERIAL, CAN])
+@pytest.mark.parametrize("imu_on", [None, SERIAL])
+def test_a_driver_receives_its_own_joints_and_the_imu_of_its_bus(
+    monkeypatch: pytest.MonkeyPatch, bus: str, imu_on: str | None
+) -> None:
+    medium = SimpleNamespace(driver=DriverStandIn(), medium=None)
+    monkeypatch.setattr(bus_opener, "family", lambda kind: medium)
+    imu = load_robot("h24-standing").imu
+    assert imu is not None
+    imu = replace(imu, bus=SERIAL, id=33, return_delay_us=250)
+    opener = replace(mixed(), robot=replace(MIXED, imu=None if imu_on is None else imu))
+    setup: Any = opener.reader(bus, None)
+    assert isinstance(setup, BusSetup)
+    assert setup.bus.name == bus
+    assert [joint.bus for joint in setup.joints] == [bus] * len(setup.ids)
+    assert setup.ids == next(each.ids for each in MIXED_JOINTS.buses if each.name == bus)
+    assert setup.rate_hz == 100.0
+    assert setup.sensors == ({33: pytest.approx(250e-6)} if bus == imu_on else {})

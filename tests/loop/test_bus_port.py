@@ -1,6 +1,6 @@
 """A bus and its life: when it is tried again, what ends with it, and one transaction of a script a tick."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from math import inf
 from typing import Any
@@ -9,7 +9,6 @@ import pytest
 
 from tests.support.two_bus_rig import JOINTS, PERIOD, TwoBuses
 from twind.loop.bus.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState
-from twind.loop.bus.script_run import ScriptRun
 from twind_drivers.bus import (
     BusError,
     PingRequest,
@@ -248,23 +247,6 @@ def test_a_dropped_script_does_not_get_the_answer_it_asked_for(world: TwoBuses, 
     port.end_rare(world.clock.now())
     assert heard == []
     assert task.done
-
-
-def test_a_cancelled_script_is_closed_so_that_it_can_clean_up() -> None:
-    closed = []
-
-    def script() -> Iterator[Any]:
-        try:
-            yield PingRequest(1)
-        finally:
-            closed.append(True)
-
-    task: ScriptRun[None] = ScriptRun(script())  # type: ignore[arg-type]
-    task.advance(None)
-    task.cancel(BusError("first"))
-    task.cancel(BusError("second"))
-    assert closed == [True]
-    assert str(task.error) == "first"
 
 
 def test_a_script_that_fails_inside_fails_the_tick_once_and_is_no_success_afterwards(

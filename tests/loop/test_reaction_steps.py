@@ -443,8 +443,10 @@ def test_an_inhibit_ends_a_way_down_but_not_torque_that_is_going_off(
     rig.torque.demand_damping(1.0)
     if switching:
         rig.torque.begin_energising()
+    before = rig.hardware.quiet_until
     inhibit(rig, BUG, 50.0)
     assert rig.procedures.rank is (rank if switching else None)
+    assert rig.hardware.quiet_until == (before if switching else 50.0 + QUIET)
     assert rig.torque.soft_since == (1.0 if switching else None)
     if not switching:
         [outcome] = rig.outcomes

@@ -50,12 +50,13 @@ class SerialTransport:
 
         `by_signal`: waits for bytes end in time whatever else the machine computes (`ArrivalSignal`). Then
         only the thread that opened the port may use it, and a hang-up ends no wait: the next call that is no
-        read reports it, or one of the next `UNANNOUNCED` reads.
+        read reports it, or one of the next `UNANNOUNCED` reads. Of a taken port only the holder of a flock
+        is named, since a search among all processes would last several ticks.
         """
         self.name = path
         self.baud = baud
         self._path = os.path.realpath(path)
-        self._port = _open(path, baud)
+        self._port = _open(path, baud, search=not by_signal)
         self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
         self.holds = not self._path.startswith("/dev/pts/")  # a pty passes bytes on at once
@@ -65,16 +66,12 @@ class SerialTransport:
         self._unannounced = 0  # reads in a row
         try:
             # A pty keeps the flag while its other side is open: after a killed holder nobody could open it.
-            if not self._path.startswith("/dev/pts/"):
-                fcntl.ioctl(self._fd, termios.TIOCEXCL)
+            if self.holds:
+                self._query_kernel(termios.TIOCEXCL, "open")
             self._check_speed(baud)
         except PortError:
             self.close()
             raise
-        except OSError as error:
-            self.close()
-            reason = f"cannot be opened: {os.strerror(error.errno or 0)} (adapter unplugged?)"
-            raise PortError(path, reason) from error
         self.latency_ms = self._lower_latency()
         self.warning = _slow_timer(os.path.basename(self._path), self.latency_ms)
         if by_signal:
@@ -261,7 +258,7 @@ def _slow_timer(tty: str, latency_ms: int | None) -> str:
     )
 
 
-def _open(path: str, baud: int) -> serial.Serial:
+def _open(path: str, baud: int, *, search: bool) -> serial.Serial:
     if os.path.realpath(path) in _closing:  # to open it would wait as long
         raise PortError(
             path, "is still being closed, as its adapter takes no bytes: unplug it, plug it in again"
@@ -289,9 +286,8 @@ def _open(path: str, baud: int) -> serial.Serial:
         ) from error
     except OSError as error:  # serial.SerialException is one
         if error.errno in (errno.EBUSY, errno.EAGAIN):
-            raise PortError(
-                path, f"in use by {holder(path)}; stop it first", PortErrorCause.IN_USE
-            ) from error
+            taken = f"in use by {holder(path, search=search)}; stop it first"
+            raise PortError(path, taken, PortErrorCause.IN_USE) from error
         if "baud" in str(error).lower():  # pyserial has no code for it
             raise PortError(
                 path, f"baud rate {baud} is not supported: {error}", PortErrorCause.BAUD_RATE

@@ -475,6 +475,22 @@ ROOMS = (
         ("tests/loop/test_all_buses_wait.py",),
     ),
     Room(
+        "opener",
+        (
+            "twind/loop/bus/bus_opener.py",
+            "twind/loop/bus/script_run.py",
+        ),
+        (
+            "tests/loop/test_bus_opener.py",
+            "tests/loop/test_script_run.py",
+        ),
+    ),
+    Room(
+        "guardinput",
+        ("twind/loop/tick/guard_input.py",),
+        ("tests/loop/test_guard_input.py",),
+    ),
+    Room(
         "request",
         ("twind/loop/procedures/homing_request.py",),
         ("tests/loop/test_homing_request.py",),

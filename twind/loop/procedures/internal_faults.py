@@ -30,18 +30,18 @@ def inhibit(context: ProcedureContext, finding: Finding, now: float) -> None:
     """Write nothing until the servos' own watchdogs have ended the motion; torque stays.
 
     A procedure that lowers the robot ends: to go on would write, to release would drop the robot. Torque
-    that is being switched on or off already goes off.
+    that is being switched on or off already goes off, without a wait for the watchdogs.
     """
     context.torque.inhibit()
     context.condition.latch(finding)  # first: the procedures that it ends report this cause
     if not context.torque.energising:
         context.procedures.abandon()
+        context.hardware.quiet_until = now + QUIET
     if context.procedures.rank is None:
         context.torque.end_damping()
     context.executor.idle()
     context.hardware.clear()
     context.hardware.hold(False)
-    context.hardware.quiet_until = now + QUIET
     context.condition.change(RobotEvent.INHIBIT, stop="inhibit")
     if context.procedures.rank is Priority.ARM:  # it may have switched torque on, which nobody would own
         context.procedures.own(Priority.DISARM, lambda: give_up(context))
