@@ -84,7 +84,7 @@ class ScriptedHardware:
         self.obeyed = True  # the registers hold the goals that were written
         self.written: Callable[[], Floats | None] = lambda: None
         self.given_up: list[int] = []
-        self._tasks: list[BusTask] = []
+        self.tasks: list[BusTask] = []
         self._counts: Counter[str] = Counter()
 
     @property
@@ -103,14 +103,14 @@ class ScriptedHardware:
             ordered = ordered[place] if place < len(ordered) else None
         self._counts[name] += 1
         task = BusTask(ordered, self.results.get(name))  # type: ignore[arg-type]
-        self._tasks.append(task)
+        self.tasks.append(task)
         return [task]
 
     def serve(self) -> None:
         """Every request is done."""
-        for task in self._tasks:
+        for task in self.tasks:
             task.done = True
-        self._tasks.clear()
+        self.tasks.clear()
 
     def access(self, *, read: bool, write: bool) -> None:
         self.log.append(f"access read {read} write {write}")

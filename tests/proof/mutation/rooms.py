@@ -460,6 +460,19 @@ ROOMS = (
         ),
     ),
     Room(
+        "calibrating",
+        ("twind/loop/procedures/calibrating_state.py",),
+        ("tests/loop/test_calibrating_steps.py",),
+    ),
+    Room(
+        "search",
+        ("twind/loop/procedures/homing_procedure.py",),
+        (
+            "tests/loop/test_homing_procedure_steps.py",
+            "tests/loop/test_homing_procedure_ended.py",
+        ),
+    ),
+    Room(
         "restore",
         ("twind/loop/procedures/homing_restore.py",),
         ("tests/loop/test_homing_restore_steps.py",),

@@ -23,7 +23,7 @@ class CalibratingState:
         self._context = context
         self._lease = lease
         self._identity = identity
-        self._epoch = -1  # of the lease under which the state began
+        self._epoch: int  # of the lease under which the state was requested last
 
     @property
     def on(self) -> bool:
@@ -39,6 +39,8 @@ class CalibratingState:
             return
         if command.on != self.on and not self._change(command, now):
             return
+        if command.on:
+            self._epoch = self._lease.epoch
         context.reports.reply(command, state=context.condition.state.value)
 
     def _change(self, command: link.Calibrate, now: float) -> bool:
@@ -48,11 +50,12 @@ class CalibratingState:
             context.reports.error(command, "Busy", what=context.procedures.rank.name.lower())
             return False
         if not command.on:
-            context.condition.change(RobotEvent.CALIBRATED)
+            self._end(now)
             return True
         state = context.condition.state.value
         allowed = list(TABLE[RobotEvent.CALIBRATE])
         latched = ", ".join(context.condition.latches)
+        closed = next((port for port in context.hardware.ports if port.reader is None), None)
         if context.condition.mode is Mode.SIM:
             context.reports.error(
                 command, "WrongState", state="mode sim", allowed=["mode mirror", "mode live"]
@@ -65,8 +68,10 @@ class CalibratingState:
             )
         elif torque_on(context):
             context.reports.error(command, "WrongState", state=f"{state}, torque on", allowed=["disarmed"])
+        elif closed is not None:  # the state would end at once
+            message = closed.trouble or "the bus is not open"
+            context.reports.error(command, "BusFailed", bus=closed.name, message=message)
         else:
-            self._epoch = self._lease.epoch
             context.condition.change(RobotEvent.CALIBRATE)
             return True
         return False
@@ -80,8 +85,11 @@ class CalibratingState:
             context.condition.change(RobotEvent.PORT_LOST)
         elif not self._lease.holds(now) or self._lease.epoch != self._epoch:
             context.reports.event("warning", ReasonCode.LEASE_LOST, "the lease is gone: the calibration ends")
-            context.condition.change(RobotEvent.CALIBRATED)
-            self._identity.settle_state(now)
+            self._end(now)
+
+    def _end(self, now: float) -> None:
+        self._context.condition.change(RobotEvent.CALIBRATED)
+        self._identity.settle_state(now)
 
     def refusal_to_keep(self, command: link.WriteRegister, kept: bool, now: float) -> CallOutcome | None:
         """Return why a register that survives power-off may not be written; None: it may."""

@@ -62,8 +62,7 @@ class HomingProcedure:
         self._gate_input = gate_input
         self._verified = verified
         self.unrestored: EndstopSearchRecord | None = None
-        self._last_report = (-1.0, "")  # s and phase of the last report
-        self._cancelled = False  # a client ended the search that runs
+        self._cancelled: bool  # a client ended the search that runs; False at its begin
 
     def ask(self, command: link.FindStop, now: float) -> None:
         """Begin a search, or reply with the reason why not."""
@@ -192,14 +191,15 @@ class HomingProcedure:
 
     @staticmethod
     def _attach_joint(pending: EndstopSearchRecord, finding: Finding) -> Finding:
-        """Return `finding` with the joint, where the search itself reported it."""
+        """Return `finding` with the joint, where the search itself reported it without one."""
         own = (
             ReasonCode.STOP_NOT_FOUND,
             ReasonCode.OVERCURRENT,
             ReasonCode.STATE_STALE,
             ReasonCode.CALIB_MISMATCH,
         )
-        return replace(finding, joint=pending.request.joint) if finding.code in own else finding
+        unnamed = finding.joint is None and finding.code in own
+        return replace(finding, joint=pending.request.joint) if unnamed else finding
 
     def _run_search(self, pending: EndstopSearchRecord) -> Generator[None, float, None]:
         """Run all steps from first reading to last capture. Raises ProcedureFailed, BusError, ValueError."""
@@ -252,12 +252,12 @@ class HomingProcedure:
         """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
         since = self._context.clock.now()
         passed = 0
-        now = 0.0
-        while passed < READ or not self._sample(pending).at > since:
+        while True:
             now = yield
             self._require(pending, now)
             passed += 1
-        return now
+            if passed >= READ and self._sample(pending).at > since:
+                return now
 
     def _pinned(
         self, pending: EndstopSearchRecord, alone: SingleDeviceControl, kept: Any
@@ -270,7 +270,7 @@ class HomingProcedure:
         before = self._count(pending)
         yield from self._done(pending, alone.enter_current_mode(kept))
         yield from self._newer(pending)
-        pending.shift = turns_between(before, before_raw := self._raw(pending), aim.turn)
+        pending.shift = turns_between(before, self._raw(pending), aim.turn)
         # Another mode may count from another turn: the clamp (WIRE_CLAMP) must be in its counts before any
         # goal.
         alone.set_goal_limits(aim.lower - pending.shift, aim.upper - pending.shift)
@@ -282,7 +282,7 @@ class HomingProcedure:
             yield from self._newer(pending)
             if abs(self._count(pending) - held) <= AGREE:
                 return held
-        moved = abs(self._count(pending) - before_raw - pending.shift)
+        moved = abs(self._count(pending) - before)
         message = "still moving (counts): let it hang still, then try again"
         raise ProcedureFailed.measured(ReasonCode.STOP_NOT_FOUND, moved, AGREE, message)
 
@@ -360,9 +360,9 @@ class HomingProcedure:
     # ------------------------------------------------------------------------------- reports
 
     def _report(self, pending: EndstopSearchRecord, phase: str, progress: float, now: float) -> None:
-        at, last = self._last_report
+        at, last = pending.reported
         if pending.command.more and (phase != last or not now - at < REPORT):
-            self._last_report = (now, phase)
+            pending.reported = (now, phase)
             self._context.reports.reply(pending.command, continues=True, phase=phase, progress=progress)
 
     # ------------------------------------------------------------------------------- readings

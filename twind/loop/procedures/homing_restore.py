@@ -49,6 +49,7 @@ class EndstopSearchRecord:
     powered: float | None = None  # s, when torque was read back on
     over: bool = False  # the search has ended, and its torque too, or another procedure takes it
     answered: bool = False
+    reported: tuple[float, str] = (0.0, "")  # s and phase of the last report of progress
     captures: list[float] = field(default_factory=list)
     findings: tuple[Finding, ...] = ()
 
