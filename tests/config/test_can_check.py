@@ -11,6 +11,7 @@ from twind.config.robot_file import load_robot
 from twind.robot.finding import ReasonCode, Verdict
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.can.can_models import number_of as can_number
+from twind_drivers.can.can_type import CanType
 
 ROBOT = load_robot("h24-mixed")
 SERVO = {
@@ -87,9 +88,21 @@ def test_a_range_within_a_thousandth_is_equal() -> None:
     assert with_knee(set_to(pmax_milli=12_501)) == Verdict()
 
 
-def test_a_device_that_reports_no_ranges_is_compared_by_its_other_values() -> None:
-    silent = {key: value for key, value in NODE.items() if key not in TOLD}
-    assert with_knee(lambda device: replace(device, settings=silent)) == Verdict()
+@pytest.mark.parametrize("lost", TOLD)
+def test_a_range_that_was_not_read_refuses(lost: str) -> None:
+    """The described one would stand for it: an actuator of another range reads as another position."""
+    settings = {key: value for key, value in NODE.items() if key != lost}
+    verdict = with_knee(lambda device: replace(device, settings=settings))
+    [found] = verdict.refusals
+    assert (found.code, found.joint) == (ReasonCode.DEVICE_MISMATCH, KNEE)
+    assert "was not read, so the scale of its readings is not known" in found.message
+
+
+def test_a_device_of_a_family_that_reports_no_ranges_is_compared_by_its_other_values() -> None:
+    joint = ROBOT.joints[KNEE]
+    assert isinstance(joint.type, CanType)
+    device = IdentifiedDevice(4, can_number("RS01"), "RS01", 1, {"operating_mode": 1})
+    assert not list(replace(joint.type, family="robstride", device="RS01").unfit(joint, device))
 
 
 def test_a_reported_device_model_is_compared() -> None:

@@ -24,6 +24,7 @@ RANGES = {
     "tmax_milli": ("torque_nm", "N·m"),
 }
 SAME_RANGE = 1  # thousandths: how far a range may be off by rounding
+REPORTS_RANGES = ("damiao",)  # families whose registers hold the ranges
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +142,12 @@ class CanType(TypeSpec):
         for setting, (key, unit) in RANGES.items():
             value = device.settings.get(setting)
             described = getattr(self.ranges, key)
-            if value is not None and abs(value - round(1e3 * described)) > SAME_RANGE:
+            if value is None and self.family in REPORTS_RANGES:
+                yield (
+                    f"the range of its {key} was not read, so the scale of its readings is not known: its "
+                    "answers were lost, or its register holds no number"
+                )
+            elif value is not None and abs(value - round(1e3 * described)) > SAME_RANGE:
                 yield (
                     f"its frames span {value / 1e3:g} {unit}, the robot file says {described:g}: "
                     f"a wrong range is a wrong reading; correct ranges.{key} of type {self.name}, "

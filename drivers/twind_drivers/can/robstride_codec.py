@@ -210,9 +210,13 @@ class RobStrideCodec(ActuatorFamily):
         return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown)
 
     def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
-        """Decode values read (17) without an error flag, and processors' numbers (0). Never a write."""
+        """Decode values read (17), and processors' numbers (0). Never a write.
+
+        An error flag is the reply for a parameter that this firmware lacks: without a value, and no stranger.
+        """
         rows, came, kind, data = self._match_rows(frames)
-        found = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
+        told = (rows >= 0) & (kind == GET)
+        found = told & (came & _FLAG == 0)
         born = kind == GET_ID
         if born.any():
             born &= (came & (_FLAGS_AND_TARGET | _FLAG) == EXTENDED | BROADCAST) & (frames["size"] == BYTES)
@@ -226,7 +230,7 @@ class RobStrideCodec(ActuatorFamily):
             else:
                 index = int.from_bytes(content[:2], "little")
                 answers.append(RegisterReply(int(rows[at]), index, content[4:]))
-        return answers, found | born
+        return answers, told | born
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
         """1 motion control (run_mode 0); else 100 + run_mode; 0: it was not read."""
