@@ -53,7 +53,9 @@ def test_a_position_of_many_turns_stops_at_the_end_of_its_register(way: int) -> 
     st.integers(1, 4),
     st.sampled_from([None, TWOS, 5, 7]),
 )
-def test_a_clipped_value_is_the_nearest_that_a_register_keeps(value: int, size: int, sign: int | None) -> None:
+def test_a_clipped_value_is_the_nearest_that_a_register_keeps(
+    value: int, size: int, sign: int | None
+) -> None:
     register = MappedRegister("x", 0, size, sign, 0, 0, kept=False)
     held = register.clip(value)
     assert register.decode(register.encode(held)) == held
