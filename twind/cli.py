@@ -136,9 +136,9 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     wreck = FormerFlightRecorder(inherited.wreck)
     stack.callback(wreck.close)
     sources = _sources(options)
-    virtual_power: Mapping[str, str] = {}
+    virtual = None
     if options.virtual:
-        sources, virtual_power = _with_virtual(sources, stack)
+        sources, virtual = _with_virtual(sources, stack)
     described = describe(sources)
     settings = described.settings
     robot = described.robot
@@ -170,8 +170,8 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     folder = flight_folder(settings, virtual=options.virtual)
     link = assembly.front(briefing, listeners, recorder, folder, wreck)
     stack.callback(link.front.close)
-    power = assembly.power(robot, described.rate_hz, virtual_power)
-    loop = _loop(described, one, buses, link, notifier, recorder, power)
+    power = assembly.power(robot, described.rate_hz, {} if virtual is None else virtual.power)
+    loop = _loop(described, one, buses, link, notifier, recorder, power, virtual)
 
     def keep() -> None:
         """Store this daemon's recorder with the service manager, in place of a former daemon's."""
@@ -271,6 +271,7 @@ def _loop(
     notifier: Notifier,
     recorder: FlightRecorder | None,
     power: PowerChild | None = None,
+    virtual: VirtualRobotProcess | None = None,
 ) -> Loop:
     settings = described.settings
     if recorder is not None:
@@ -281,7 +282,7 @@ def _loop(
         rate_hz=described.rate_hz,
         clock=MonotonicClock(),
         where=described.ports,
-        opener=buses.open,
+        opener=buses.open if virtual is None else virtual.guarded(buses.open),
         enabler=buses.enable,
         link=link,
         notifier=notifier,
@@ -377,11 +378,8 @@ def _sources(options: argparse.Namespace) -> ConfigSources:
     )
 
 
-def _with_virtual(sources: ConfigSources, stack: ExitStack) -> tuple[ConfigSources, Mapping[str, str]]:
-    """Start virtual servos of the same robot; their ports and calibration replace all others.
-
-    Returns the ports of its relay and stop button too.
-    """
+def _with_virtual(sources: ConfigSources, stack: ExitStack) -> tuple[ConfigSources, VirtualRobotProcess]:
+    """Start virtual servos of the same robot; their ports and calibration replace all others."""
     settings = sources.settings()
     robot = load_robot(settings.robot, settings.robot_folders)
     child = stack.enter_context(VirtualRobotProcess(settings.robot))
@@ -391,7 +389,7 @@ def _with_virtual(sources: ConfigSources, stack: ExitStack) -> tuple[ConfigSourc
         for name, path in child.ports.items()
     ]
     found = replace(sources, calibration=str(child.calibration), ports=tuple(ports), made_from_file=True)
-    return found, child.power
+    return found, child
 
 
 if __name__ == "__main__":

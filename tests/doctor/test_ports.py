@@ -45,6 +45,13 @@ def test_a_port_that_is_not_there_is_found_with_the_names_that_are(tmp_path: Pat
     assert str(link) in finding.advice
 
 
+def test_the_port_of_a_program_that_has_ended_is_nothing_to_plug_in() -> None:
+    (finding,) = found("--port", "/dev/pts/999999", code="PORT_MISSING")
+    assert "the program that served this port has ended (bus main)" in finding.measured
+    assert "twind-virtual" in finding.advice and "plug" not in finding.advice
+    assert finding.caution == ""
+
+
 def test_a_port_that_is_there_is_not_missing(pty: str) -> None:
     for code in ("PORT_MISSING", "PORT_UNSET"):
         assert codes(pty, code) == []

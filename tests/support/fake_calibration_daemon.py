@@ -87,7 +87,8 @@ class FakeDaemon:
     # --------------------------------------------------------------------------------- answers
 
     def _GetRobot(self) -> Any:
-        return {"robot": {"path": str(self.robot.path), "text_sha256": self.robot.text_sha256}}
+        read = {"path": str(self.robot.path), "text_sha256": self.robot.text_sha256}
+        return {"robot": read, "mjcf": self.robot.mjcf, "calibration": None}
 
     def _GetParameters(self) -> Any:
         return {"parameters": {"calibration": str(self.file), "rate_hz": 100.0}}

@@ -25,6 +25,7 @@ from twind.doctor.host_inspector import HostInspector, PortHolder, is_daemon
 from twind.exceptions import OperationFailed
 from twind.protocol.socket_paths import SYSTEM
 from twind_drivers.ports import can_ports
+from twind_drivers.ports.serial_port import PTY
 
 BY_ID = ("twind", "serial/by-id")  # below /dev: names by twind's udev rule, then those of the system
 GUESSED = ("ttyUSB", "ttyACM")  # prefixes of names that are numbered in the order of plugging in
@@ -139,6 +140,11 @@ def check_present(context: CheckContext) -> Iterator[DoctorFinding]:
         try:
             found = os.stat(node.path)
         except FileNotFoundError:
+            if os.path.realpath(node.path).startswith(PTY):
+                text = f"the program that served this port has ended (bus {node.bus})"
+                advice = "start it again: `twind-virtual`; of `twind --virtual` the daemon"
+                yield DoctorFinding("PORT_MISSING", node.path, text, advice=advice, caution="")
+                continue
             there = _candidates(context.host)
             advice = (
                 f"plug it in; there are: {' '.join(there)}; use one only where it is this robot's"

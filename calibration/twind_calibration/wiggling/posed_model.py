@@ -6,6 +6,7 @@ Frame of the words: x forward, y left, z up, as the model's base stands.
 import numpy as np
 
 from twind.config.robot_spec import RobotFile
+from twind.exceptions import InvalidInput
 from twind.robot.arrays import Bools, Floats
 from twind.robot.joint_state import JointState
 from twind.twin.base_pose import UPRIGHT, gravity
@@ -21,7 +22,14 @@ class PosedModel:
     """The twin's model of a robot, put into one pose after the other."""
 
     def __init__(self, robot: RobotFile, base: str = UPRIGHT) -> None:
-        """`base`: how it is held (`base_pose.BASES`). Raises InvalidInput, KeyError (no such base pose)."""
+        """`base`: how it is held (`base_pose.BASES`).
+
+        Raises InvalidInput (also for a robot file without bodies), KeyError (no such base pose).
+        """
+        if robot.gate.collision.bodiless:
+            raise InvalidInput(
+                "the robot file describes no bodies (collision.bodies: none): it gives no loads"
+            )
         binding = bind(robot, None)
         self.robot = robot
         self.free = binding.floating
@@ -89,11 +97,15 @@ class PosedModel:
         moved[joint] += way
         before = self._places(position)
         after = self._places(moved)
-        travel = np.where(self._carried(joint), np.linalg.norm(after - before, axis=1), -1.0)
-        farthest = int(travel.argmax())
         model = self._mirror.model
-        body = model.body(int(model.geom_bodyid[farthest])).name or "what it carries"
-        if travel[farthest] >= NEAR * abs(way):
+        turned = int(model.jnt_bodyid[self._joints[joint]])
+        carried = np.flatnonzero(self._carried(joint))
+        if carried.size:  # of a model without geometry only the turn can be told
+            travel = np.linalg.norm(after - before, axis=1)
+            farthest = int(carried[travel[carried].argmax()])
+            turned = int(model.geom_bodyid[farthest])
+        body = model.body(turned).name or "what it carries"
+        if carried.size and travel[farthest] >= NEAR * abs(way):
             return f"{body} moves {_way(after[farthest] - before[farthest])}"
         axis = np.array(self._mirror.data.xaxis[self._joints[joint]]) * np.sign(way)
         along = int(np.abs(axis).argmax())

@@ -193,8 +193,6 @@ def read_body(description: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
             robot = read_robot(Path(description["path"]))
             if robot.text_sha256 != description["text_sha256"]:
                 return None, f"{robot.path} was changed since the daemon read it"
-            if robot.gate.collision.bodiless:
-                return None, "the robot file describes no bodies (collision.bodies: none)"
             return PosedModel(robot), ""
         except (ConfigError, InvalidInput) as error:
             return None, str(error)

@@ -230,8 +230,8 @@ class VirtualDynamixel1Servos(VirtualTableServos):
         return self.get(row, "torque_enable") == 1 and self.get(row, "torque_limit") > 0
 
     def _show_motion(self, row: int, velocity: float) -> None:
-        self.put(row, "present_velocity", round(np.clip(velocity, -FULL, FULL)))
-        self.put(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -FULL, FULL))))
+        self.show(row, "present_velocity", round(np.clip(velocity, -FULL, FULL)))
+        self.show(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -FULL, FULL))))
         self.put(row, "moving", int(abs(velocity) > 5))
 
     # ------------------------------------------------------------------------------- of a model

@@ -261,12 +261,12 @@ class VirtualFeetechServos(VirtualTableServos):
         return self.get(row, "torque_enable") == 1
 
     def _show_motion(self, row: int, velocity: float) -> None:
-        self.put(row, "present_velocity", round(velocity))
-        self.put(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -1000, 1000))))
+        self.show(row, "present_velocity", round(velocity))
+        self.show(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -1000, 1000))))
         self.put(row, "hardware_error_status", self.error(row))
         self.put(row, "moving", int(abs(velocity) > 10))
         if "present_current" in self.maps[row]:
-            self.put(row, "present_current", round(float(self.muscles.current[row]) * CURRENT))
+            self.show(row, "present_current", round(float(self.muscles.current[row]) * CURRENT))
 
     def restore_factory(self, row: int) -> None:
         """Write the factory settings to EPROM; the id stays."""

@@ -44,6 +44,14 @@ class MappedRegister:
         """True if a write has an effect."""
         return self.least < self.most
 
+    def clip(self, value: int) -> int:
+        """Return the nearest value that its bytes can hold."""
+        bits = 8 * self.size
+        if self.sign == TWOS:
+            return max(-(1 << bits - 1), min(value, (1 << bits - 1) - 1))
+        most = (1 << (bits if self.sign is None else self.sign)) - 1
+        return max(0 if self.sign is None else -most, min(value, most))
+
     def encode(self, value: int) -> bytes:
         """Return the bytes of a value. Raises OverflowError."""
         if self.sign == TWOS:

@@ -33,6 +33,7 @@ SPEED_AT = 40  # bytes into struct termios2: 4 flags, line, 19 control character
 BAUD_TOLERANCE = 0.025  # of the rate; a UART of 10 bits a byte loses its place near 5 % of both ends together
 
 
+PTY = "/dev/pts/"  # ports that a program serves, as virtual servos do
 LEAVING = 0.01  # s that closing waits for the last packet to leave
 
 _closing: set[str] = set()  # paths of ports whose closing waits in the kernel
@@ -59,7 +60,9 @@ class SerialTransport:
         self._port = _open(path, baud, search=not by_signal)
         self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
-        self.holds = not self._path.startswith("/dev/pts/")  # a pty passes bytes on at once
+        pty = self._path.startswith(PTY)
+        self.holds = not pty  # a pty passes bytes on at once
+        self._loss = "its program has ended?" if pty else "adapter unplugged?"
         self._waiting = bytearray(4)  # result of FIONREAD and TIOCOUTQ
         self._scratch = memoryview(bytearray(SCRATCH))
         self._arrivals: ArrivalSignal | None = None
@@ -125,7 +128,7 @@ class SerialTransport:
         except OSError as error:
             raise self._make_lost_error("read", error) from error
         if count == 0:  # VMIN is 1, so nothing to read is EAGAIN and 0 is the end
-            raise PortError(self.name, "hung up (adapter unplugged?)", kind=PortErrorCause.LOST)
+            raise PortError(self.name, f"hung up ({self._loss})", kind=PortErrorCause.LOST)
         if arrivals is not None and count == len(buffer):
             arrivals.repeat()
         return count
@@ -209,7 +212,7 @@ class SerialTransport:
         _closing.discard(self._path)
 
     def _make_lost_error(self, what: str, error: OSError) -> PortError:
-        gone = "closed" if self._fd < 0 else "adapter unplugged?"
+        gone = "closed" if self._fd < 0 else self._loss
         hint = f" ({gone})" if error.errno in GONE else ""
         return PortError(
             self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", kind=PortErrorCause.LOST
@@ -266,6 +269,8 @@ def _open(path: str, baud: int, *, search: bool) -> serial.Serial:
     try:
         node = os.stat(path)
     except FileNotFoundError:
+        if os.path.realpath(path).startswith(PTY):
+            raise PortError(path, "no such port: the program that served it has ended") from None
         near = sorted(str(each) for each in Path("/dev").glob("tty[UA][SC][BM]*"))
         there = f"; there are: {', '.join(near)}" if near else "; no USB serial adapter is plugged in"
         raise PortError(path, f"no such port{there}") from None

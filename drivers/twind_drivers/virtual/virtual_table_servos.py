@@ -73,6 +73,10 @@ class VirtualTableServos:
         field = self._tables[row].registers[name]
         self.ram[row][field.address : field.address + field.size] = field.encode(value)
 
+    def show(self, row: int, name: str, value: int) -> None:
+        """Set a present register to a measured value: it stops at what the register can hold."""
+        self.put(row, name, self._tables[row].registers[name].clip(value))
+
     def ids(self) -> list[int]:
         """Return the ids in the order of rows."""
         return [each[at] for each, at in zip(self.ram, self._id_at, strict=True)]
@@ -110,9 +114,9 @@ class VirtualTableServos:
             self.history.note(self.now, np.array(places))
         for row, place in enumerate(places):
             kept = self.frozen[row]
-            self.put(row, "present_position", place if kept is None else kept)
-            self.put(row, "present_input_voltage", round(self.volts[row] * 10))
-            self.put(row, "present_temperature", round(self.celsius[row]))
+            self.show(row, "present_position", place if kept is None else kept)
+            self.show(row, "present_input_voltage", round(self.volts[row] * 10))
+            self.show(row, "present_temperature", round(self.celsius[row]))
             self._show_motion(row, float(self.muscles.velocity[row]))
 
     # ------------------------------------------------------------------------------- time

@@ -2,18 +2,24 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tests.support.fake_calibration_daemon import FakeDaemon, stand_in
 from tests.support.robot_description_files import INTERBOTIX, LEROBOT, POPPY, REACHY, ROBOTIS, TODDLER
 from twind.command_line.verb import Rejected
 from twind.config.config_files import ConfigSources, describe
 from twind.config.robot_file import read_robot
 from twind.ctl.ctl_main import main
 from twind.exceptions import InvalidInput
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.drafting import new_command
 from twind_calibration.drafting.scan_source import devices_of
+from twind_calibration.proving import prove_command
+from twind_calibration.wiggling.posed_model import PosedModel
 from twind_calibration.wiggling.wiggle_command import read_body
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
@@ -294,6 +300,28 @@ def test_wiggle_compares_no_loads_of_a_robot_without_bodies(tmp_path: Path) -> N
     robot = read_robot(tmp_path / "arm" / "arm.yaml")
     body, why = read_body({"path": str(robot.path), "text_sha256": robot.text_sha256})
     assert body is None and "describes no bodies" in why
+
+
+def test_no_joint_of_a_robot_without_bodies_is_moved_for_a_proof(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
+    robot = read_robot(tmp_path / "arm" / "arm.yaml")
+    daemon = FakeDaemon(robot, tmp_path / "arm.yaml", calibration(make_spec(robot)))
+    stand_in(monkeypatch, daemon, prove_command)
+    assert main(["calibrate", "prove", "pan", "--base", "upright", "--yes"]) == 1
+    assert "describes no bodies (collision.bodies: none)" in capsys.readouterr().err
+    assert set(daemon.asked) == {"GetRobot", "GetParameters"}
+    assert main(["calibrate", "prove", "--plan", "--robot", str(robot.path)]) == 1
+    assert "describes no bodies" in capsys.readouterr().err
+
+
+def test_of_a_model_without_geometry_only_the_turn_is_described(tmp_path: Path) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
+    robot = read_robot(tmp_path / "arm" / "arm.yaml")
+    judged = replace(robot.gate, collision=replace(robot.gate.collision, bodiless=False))
+    body = PosedModel(replace(robot, gate=judged))
+    assert " turns " in body.looks_like(np.zeros(len(robot.names)), 0, 0.1)
 
 
 def test_what_is_no_motor_is_left_out_with_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,8 @@ from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
 from twind.exceptions import OperationFailed
 from twind.loop.process.virtual_robot_process import VirtualRobotProcess
+from twind_drivers.bus import PortError
+from twind_drivers.ports.serial_port import SerialTransport
 
 PARENT = """
 import sys, time
@@ -61,6 +64,31 @@ def test_the_virtual_robot_imports_no_local_module_and_gets_no_service_manager_v
         given = Path(f"/proc/{pid}/environ").read_bytes().decode().split("\0")
         assert not [one for one in given if one.startswith(theirs)]
         assert f"PATH={os.environ['PATH']}" in given
+
+
+def test_the_bus_of_a_virtual_robot_that_has_ended_names_that_and_is_not_opened_again() -> None:
+    before = children()
+    opened: list[str] = []
+
+    def opener(name: str) -> Any:
+        opened.append(name)
+
+    with VirtualRobotProcess("h24") as child:
+        guarded = child.guarded(opener)
+        guarded("main")
+        (pid,) = children() - before
+        port = SerialTransport(child.ports["main"], 2_000_000)
+        os.kill(int(pid), signal.SIGKILL)
+
+        os.waitid(os.P_PID, int(pid), os.WEXITED | os.WNOWAIT)
+        with pytest.raises(PortError, match=r"\(its program has ended\?\)$"):
+            port.backlog()
+        port.close()
+        with pytest.raises(PortError, match=r"the virtual robot has ended \(exit code -9\)"):
+            guarded("main")
+        with pytest.raises(PortError, match="no such port: the program that served it has ended"):
+            SerialTransport(child.ports["main"], 2_000_000)
+    assert opened == ["main"]
 
 
 def test_the_virtual_robot_ends_when_its_parent_is_killed(tmp_path: Path) -> None:

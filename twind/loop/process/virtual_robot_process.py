@@ -13,7 +13,9 @@ from types import TracebackType
 
 from twind.config.daemon_settings import VIRTUAL_FOLDER
 from twind.exceptions import OperationFailed
+from twind.loop.bus.bus_port import Opener
 from twind.loop.ipc.child_process import child_environment
+from twind_drivers.bus import BusReader, PortError
 
 START = 30.0  # s it may take to be ready
 
@@ -64,6 +66,21 @@ class VirtualRobotProcess:
                 self.ports[name] = path
             elif word == "power":
                 self.power[name] = path
+
+    def guarded(self, opener: Opener) -> Opener:
+        """Return an opener of its buses that raises PortError once the virtual robot has ended.
+
+        Another program may have its pseudo-terminals by then.
+        """
+
+        def open_bus(name: str) -> BusReader:
+            code = self._process.poll()
+            if code is not None:
+                ended = f"the virtual robot has ended (exit code {code}), its own messages say why"
+                raise PortError(self.ports[name], f"{ended}: start `twind --virtual` again")
+            return opener(name)
+
+        return open_bus
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
