@@ -276,6 +276,23 @@ def test_a_stream_that_creeps_into_itself_stops_before_it_and_may_return(world: 
     assert chase(world, goals)[0] == 0
 
 
+@pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
+def test_an_older_path_beside_a_stream_stops_clear_too(world: World, speed: float) -> None:
+    path = Trajectory(np.array([2.9 / speed]), np.array([[0.0, 2.9, 0.0]]), np.array([True, True, False]))
+    assert world.executor.submit("a", path) is None
+    world.tick()
+    least = inf
+    for _ in range(round(2.9 / speed / PERIOD) + 60):
+        if world.executor.motion is not Motion.HOLDING:
+            world.executor.setpoint(np.array([2]), np.zeros(1), None, 0.1)
+        outlook = world.tick()
+        if outlook is not None and not outlook.clearance > outlook.block:
+            world.executor.stop()
+        least = min(least, world.clearance())
+    assert world.executor.motion is Motion.HOLDING
+    assert 0.0 < least < 0.01
+
+
 def test_a_reversing_setpoint_stream_can_always_stop_clear(tmp_path: Path) -> None:
     """Away and back at the worst moments: whatever was taken, braking from there was clear."""
     for seed in range(3):

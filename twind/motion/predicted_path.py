@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twind.motion.motion_layers import MotionLayer, choose
+from twind.motion.motion_layers import MotionLayer, choose, overlay
 from twind.motion.setpoint_stream import SetpointStream, widened
 from twind.robot.arrays import Floats, Ints
 from twind.robot.joint_limits import JointLimits
@@ -61,11 +61,11 @@ class LookaheadPlan:
     def course(self, limits: JointLimits, times: Floats) -> Floats:
         """Return the positions (k, n), rad, at `times` (k,) s from now, without goals that wait.
 
-        A stream makes one step, and then comes to rest.
+        A stream, and the older paths beside it, make one step, and then come to rest.
         """
         if self.stream is not None:
-            onwards = choose(self.stream.joints, self.stream.follower.onwards(self.pace), self.reference)
-            return braking(onwards, limits, times)
+            step = self.stream.follower.onwards(self.pace)
+            return braking(choose(self.stream.joints, step, self._onwards), limits, times)
         way = braking(self.reference, limits, times)
         for layer in self.layers:
             there = along(layer.curve, layer.elapsed(self.tick) + times)
@@ -89,4 +89,9 @@ class LookaheadPlan:
         moved[joints] = True
         stream = widened(self.stream, moved, self.reference, limits, period)
         stream.set_target(joints, position, velocity)
-        return braking(choose(stream.joints, stream.follower.step(self.pace), self.reference), limits, times)
+        return braking(choose(stream.joints, stream.follower.step(self.pace), self._onwards), limits, times)
+
+    @property
+    def _onwards(self) -> Reference:
+        """The reference of the next tick, but for a stream: the motion could not brake from this one."""
+        return overlay(self.reference, self.layers, self.tick + 1)
