@@ -185,3 +185,25 @@ def test_a_joint_a_hundredth_of_a_radian_past_its_limit_is_not_armed(make_rig: M
     assert abs(finding["bound"]) == pytest.approx(0.15 + GuardThresholds().beyond_hard)
     assert "move it inside by hand" in finding["message"]
     assert not rig.register("torque_enable").any()
+
+
+def test_a_joint_that_a_hand_takes_off_its_path_and_beyond_its_limit_stops_no_other_goal() -> None:
+    """Its hard limit lies between two counts, and rounds to the one that may not be sent."""
+    joint = "l_shoulder_pitch"
+    rig = Rig("h24", start={joint: 2.6})
+    rig.arm()
+    place = rig.names.index(joint)
+    bus = rig.one.binding.joint_map.buses[0]
+    row = int(np.flatnonzero(bus.joints == place)[0])
+    limit = bus.zero[row] + rig.one.binding.limits.hard_upper[place] / bus.scale[row]
+    assert round(limit) > bus.upper[row]
+    rig.submit(rig.path(joint, [2.6, 2.4], [0.5, 3.0]), tolerances=[(place, 0.15, None)])
+    rig.ticks(40)
+    for _ in range(100):
+        rig.virtual["main"].servos.muscles.position[row] = limit + 60.0
+        rig.ticks(1)
+    assert not rig.events("WIRE_CLAMP")
+    [ended] = [event for event in rig.events("MOTION") if event.phase == "aborted"]
+    assert ended.findings[0].code is ReasonCode.PATH_TOLERANCE
+    assert rig.loop.robot.written[place] == pytest.approx(2.75, abs=0.002)
+    rig.close()

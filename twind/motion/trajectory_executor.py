@@ -5,7 +5,7 @@ joints that a goal does not name keep their old path, a future start waits while
 nothing: all input has passed the gate.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf, isfinite
 
 import numpy as np
@@ -279,8 +279,11 @@ class TrajectoryExecutor:
         self._settle_down(reference)
         return reference
 
-    def observe(self, state: JointState) -> None:
-        """Judge the running goal by measured positions: path and goal tolerances."""
+    def observe(self, state: JointState, goals: Callable[[Floats], Floats] = lambda place: place) -> None:
+        """Judge the running goal by measured positions: path and goal tolerances.
+
+        `goals`: returns the nearest goals (n,), rad, to a place that their devices take.
+        """
         layer = self._running
         reference = self._reference
         if layer is None or reference is None or layer.goal.tolerances is None:
@@ -292,14 +295,14 @@ class TrajectoryExecutor:
         if t < duration:
             out = layer.outside(error, tolerances.path)
             if some(out):
-                self._give_up(ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, state)
+                self._give_up(ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, goals(state.position))
             return
         out = layer.outside(error, tolerances.goal) | layer.outside(np.abs(state.velocity), tolerances.speed)
         if not some(out):
             self._end(layer.goal, "succeeded", layer=layer)
             self._running = None
         elif layer.goal.goal_time and t > duration + layer.goal.goal_time:
-            self._give_up(ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
+            self._give_up(ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, goals(state.position))
 
     # ------------------------------------------------------------------------------- inside
 
@@ -365,11 +368,11 @@ class TrajectoryExecutor:
         self._reference = reference
         self._floor = StopRamp(reference, self.limits, self._period)
 
-    def _give_up(self, code: ReasonCode, out: Bools, error: Floats, bound: Floats, state: JointState) -> None:
-        """Abort: brake; hold blocked joints at measured positions (FOLLOW_ERR), the others as commanded."""
+    def _give_up(self, code: ReasonCode, out: Bools, error: Floats, bound: Floats, place: Floats) -> None:
+        """Abort: brake; hold blocked joints at their `place` (FOLLOW_ERR), the others as commanded."""
         assert self._running is not None  # `observe` has checked it
         findings = off(code, out, error, bound, self._running.elapsed(self._tick))
-        self.give_in(np.flatnonzero(out).tolist(), state.position, findings)
+        self.give_in(np.flatnonzero(out).tolist(), place, findings)
 
     def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
         self._end_goals(phase, findings)

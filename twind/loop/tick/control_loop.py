@@ -186,9 +186,8 @@ class Loop:
             self.robot.measured, self.hardware.last_exchange, now, live=self.condition.mode is not Mode.SIM
         )
         self.reactions.watch_simulation()
-        self.executor.observe(
-            self.robot.measured if self.condition.mode is Mode.LIVE else self.robot.simulated
-        )
+        live = self.condition.mode is Mode.LIVE
+        self.executor.observe(self.robot.measured if live else self.robot.simulated, self.hardware.reachable)
         self.commands.submissions.report(now)
         self.commands.stops.answer()
 
