@@ -1,5 +1,6 @@
 """Distances of bodies: the judged pairs, and that no distance is overstated."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,6 +13,7 @@ from twind.exceptions import InvalidInput
 from twind.robot.finding import ReasonCode
 from twind.twin.binding import Binding, bind
 from twind.twin.collision_model import CollisionModel, candidates
+from twind.twin.simulation import hush
 
 FLOOR = '<geom name="floor" type="plane" size="2 2 0.1"/>'
 WALL = '<geom name="wall" type="box" pos="0.6 0 0.3" size="0.02 0.5 0.5"/>'
@@ -197,6 +199,18 @@ def test_what_a_model_switches_off_for_its_simulation_hides_no_body(tmp_path: Pa
     (tmp_path / "arm.xml").write_text(xml)
     robot = read_robot(tmp_path / "arm.yaml")
     assert CollisionModel(bind(robot, None)).distances(folded) == pytest.approx(plain, abs=1e-9)
+
+
+def test_contacts_that_a_models_memory_does_not_hold_count_as_touching(robot: Binding) -> None:
+    hush()  # it would write a file of warnings
+    small = robot.mjcf.replace("<worldbody>", '<size memory="20K"/><worldbody>', 1)
+    bodies = CollisionModel(replace(robot, model=mujoco.MjModel.from_xml_string(small)), 0.1)
+    places = poses(robot, 100, 1.0)
+    wanted = CollisionModel(robot, 0.1).distances(places)
+    found = bodies.distances(places)
+    full = (found == -0.1).all(axis=1)
+    assert 0 < np.count_nonzero(full) < 50
+    assert found[~full] == pytest.approx(wanted[~full], abs=1e-9)
 
 
 def test_a_coarse_search_for_contacts_makes_no_distance_longer(tmp_path: Path) -> None:

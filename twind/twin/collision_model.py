@@ -119,6 +119,7 @@ class CollisionModel:
         mujoco.mj_setConst(model, mujoco.MjData(model))  # else margins count for single-geom bodies only
         self.data = mujoco.MjData(model)
         self._qpos = self.data.qpos
+        self._overflow = self.data.warning[mujoco.mjtWarning.mjWARN_CONTACTFULL]
 
     def place(self, position: Floats) -> None:
         """Set the pose (n,), rad."""
@@ -129,6 +130,7 @@ class CollisionModel:
         """Return distances (k, p), m, in the poses (k, n), at most `reach`.
 
         Of two boxes only the pairs `boxes` are measured, at most `most`; the others are left at `reach`.
+        Where the model's memory holds fewer contacts than there are, every pair counts as deep in the other.
         """
         measured = [] if boxes is None else boxes.tolist()
         model = self.model
@@ -148,6 +150,9 @@ class CollisionModel:
                 rows.append(row)
                 geoms.append(contact.geom.copy())  # views: the next pose writes over them
                 gaps.append(contact.dist.copy())
+                if self._overflow.number:
+                    self._overflow.number = 0
+                    found[row] = -self.reach
             for pair in measured:
                 found[row, pair] = self.between(pair, most)
         if rows:
