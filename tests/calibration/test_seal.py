@@ -1,6 +1,7 @@
 """`twindctl calibrate seal`: a hand-written calibration gets what follows from robot file and travel."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,19 @@ def test_an_edited_file_is_sealed_without_asking_its_devices(tmp_path: Path) -> 
     again = sealed_calibration(edited, "arm.yaml", robot, asked, CREATED)
     assert again.joints[0].sweep_ticks == (900, 3000)
     assert again.joints[0].turn_band_ticks == (1950 - 2048, 1950 + 2048)
+
+
+def test_an_edited_file_loses_its_proofs_and_an_unchanged_one_keeps_them(tmp_path: Path) -> None:
+    """They were measured with other numbers."""
+    robot = robot_of(tmp_path, "feetech", "STS3215", {"elbow": 2})
+    sealed = sealed_calibration(HAND, "arm.yaml", robot, answering, CREATED)
+    proof = {"sign": "gravity"}
+    text = dump_calibration(replace(sealed, joints=(replace(sealed.joints[0], proof=proof),)))
+    assert sealed_calibration(text, "arm.yaml", robot, asked, CREATED).joints[0].proof == proof
+    edited = text.replace("zero_ticks: 2048", "zero_ticks: 1024")
+    assert sealed_calibration(edited, "arm.yaml", robot, asked, CREATED).joints[0].proof is None
+    by_hand = HAND.replace("zero_ticks", "proof: {sign: gravity}, zero_ticks")
+    assert sealed_calibration(by_hand, "arm.yaml", robot, answering, CREATED).joints[0].proof is None
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,8 @@ def sealed_calibration(text: str, file: str, robot: RobotFile, devices: Devices,
     """Return the calibration that `text` states, completed.
 
     A joint needs `zero_ticks` and `sweep_ticks`; other entries follow from the robot file, and a missing
-    `device` from `devices`. Raises ConfigError.
+    `device` from `devices`. An edited file, or one of another description, loses its proofs. Raises
+    ConfigError.
     """
     top = ConfigReader(file, parse(text, file))
     if top.has("format"):
@@ -93,6 +94,10 @@ def sealed_calibration(text: str, file: str, robot: RobotFile, devices: Devices,
             raise sections[name].refuse("device", "no device answers there, and the file has no entry")
     known = {name: device_entries(found[name]) for name in lacking}
     joints = {name: _entries(section, specs[name], known.get(name)) for name, section in sections.items()}
+    stated = (top.plain("sha256"), top.plain("robot_description_sha256"))
+    if stated != (text_hash(text), robot.description_sha256):
+        for entries in joints.values():
+            entries.pop("proof", None)  # of other numbers, as far as anybody knows
     head: dict[str, Plain] = {
         "format": FORMAT,
         "robot": robot.name,
