@@ -94,7 +94,9 @@ class TicketTable:
         late = [ticket for ticket, waiting in self._waiting.items() if now > waiting.deadline]
         methods = []
         for ticket in late:
-            waiting = self._waiting.pop(ticket)
+            waiting = self._waiting.pop(ticket, None)
+            if waiting is None:  # the answer before ended its connection
+                continue
             methods.append(waiting.call.method)
             text = f"the loop: no answer to {waiting.call.method} within {waiting.patience:g} s; see its log"
             waiting.call.error("Busy", {"what": text})
