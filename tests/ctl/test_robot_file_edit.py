@@ -94,3 +94,40 @@ def test_a_link_stays_a_link_and_the_mode_stays(file: Path, tmp_path: Path) -> N
     assert link.is_symlink()
     assert file.stat().st_mode & 0o777 == 0o640
     assert read_robot(file).support == "gantry"
+
+
+def test_a_file_that_was_changed_meanwhile_is_left_as_it_is(file: Path) -> None:
+    """A question of `robot finish` may wait for long, and may ask for a change of the file itself."""
+    edit = RobotFileEdit(file)
+    edit.put("support", "gantry")
+    edit.save()
+    changed = file.read_text().replace("limits_rad: [-1, 1]", "limits_rad: [-0.4, 0.4]")
+    file.write_text(changed)
+    edit.put("joints.tilt.sign", "-1")
+    with pytest.raises(Rejected, match="was changed since it was read"):
+        edit.save()
+    assert file.read_text() == changed
+    assert sorted(os.listdir(file.parent)) == ["arm.yaml", "pantilt.xml"]
+
+
+def test_the_new_text_is_on_the_disk_before_it_gets_the_name(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a power cut may leave an empty file in the place of both."""
+    done: list[str] = []
+    replace, fsync = os.replace, os.fsync
+
+    def replaced(source: Path, target: Path) -> None:
+        done.append("replace")
+        replace(source, target)
+
+    def synced(fd: int) -> None:
+        done.append(Path(f"/proc/self/fd/{fd}").resolve().name)
+        fsync(fd)
+
+    monkeypatch.setattr(os, "replace", replaced)
+    monkeypatch.setattr(os, "fsync", synced)
+    edit = RobotFileEdit(file)
+    edit.put("support", "gantry")
+    edit.save()
+    assert done == [".arm.new.yaml", "replace", file.parent.name]

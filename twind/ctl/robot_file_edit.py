@@ -21,7 +21,7 @@ class RobotFileEdit:
     def __init__(self, path: Path) -> None:
         """Read the file. Raises ConfigError."""
         self.path = path.resolve()  # a link stays one
-        self.text = read_text(path)
+        self.text = self._known = read_text(path)
 
     def put(self, key: str, value: str) -> None:
         """Set `a.b.c` to a value written as YAML; a missing key is added to its section."""
@@ -55,13 +55,21 @@ class RobotFileEdit:
         self.text = self.text[:begin] + body + gap + tail
 
     def save(self) -> None:
-        """Replace the file: the old text or the new one, never mixed. Raises Rejected: it is not replaced."""
+        """Replace the file: the old text or the new one, never mixed.
+
+        Raises Rejected: it is not replaced, as it cannot be, or another program has changed it meanwhile.
+        """
         try:
             self._save()
         except OSError as error:
             raise Rejected(f"{self.path} cannot be written: {unwritten(error)}") from None
+        self._known = self.text
 
     def _save(self) -> None:
+        if self.path.read_bytes() != self._known.encode():
+            raise Rejected(
+                f"{self.path} was changed since it was read, and is left as it is: run the command again"
+            )
         fresh = self.path.with_name(f".{self.path.stem}.new.yaml")
         try:
             write_new(fresh, self.text.encode())
@@ -73,7 +81,9 @@ class RobotFileEdit:
             fresh.chmod(stat.S_IMODE(status.st_mode))
             if (status.st_uid, status.st_gid) != (fresh.stat().st_uid, fresh.stat().st_gid):
                 os.chown(fresh, status.st_uid, status.st_gid)
+            _sync(fresh)
             os.replace(fresh, self.path)
+            _sync(self.path.parent)
         finally:
             fresh.unlink(missing_ok=True)
 
@@ -88,3 +98,12 @@ class RobotFileEdit:
 
     def _replace(self, begin: int, end: int, text: str) -> None:
         self.text = self.text[:begin] + text + self.text[end:]
+
+
+def _sync(path: Path) -> None:
+    """Put a file, or the names in a folder, on the disk."""
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
