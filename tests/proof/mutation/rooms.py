@@ -465,6 +465,15 @@ ROOMS = (
         ("tests/loop/test_calibrating_steps.py",),
     ),
     Room(
+        "verification",
+        ("twind/loop/procedures/joint_verification.py",),
+        (
+            "tests/loop/test_joint_verification_steps.py",
+            "tests/loop/test_joint_verification_doubts.py",
+            "tests/loop/test_joint_verification_places.py",
+        ),
+    ),
+    Room(
         "search",
         ("twind/loop/procedures/homing_procedure.py",),
         (

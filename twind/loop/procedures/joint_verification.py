@@ -44,7 +44,7 @@ class JointVerificationState:
         self._turn_known: Bools = np.zeros(count, np.bool_)  # turn known since the identification
         # restarted or with a hardware error since the identification
         self._marred: Bools = np.zeros(count, np.bool_)
-        # silent since the identification for so long that it may have restarted, or be another device
+        # silent since the last identification for so long that it may have restarted, or be another device
         self._away: Bools = np.zeros(count, np.bool_)
         self._absent = False  # a device is
         self._since: Floats = np.full(count, inf)  # s, since when its bus is identified
@@ -218,9 +218,7 @@ class JointVerificationState:
         """
         for number, (port, bus) in enumerate(self._context.hardware.pairs):
             anew = port.link is PortState.IDENTIFYING and self._links[number] is PortState.CONNECTED
-            if (anew and not port.holding) or (
-                port.link is PortState.CLOSED and some(self._answered[bus.joints])
-            ):
+            if (anew and not port.holding) or port.link is PortState.CLOSED:
                 self._answered[bus.joints] = False
                 self._doubt(bus.joints)
                 self._unfit.pop(port.name, None)
@@ -241,9 +239,7 @@ class JointVerificationState:
         silent = silence > max(SILENT, READINGS * context.robot.period)
         self._away |= silent
         if some(self._away) and not (context.torque.armed or context.torque.energising):
-            back = self._away & ~silent
-            self._marred |= back
-            self._away &= ~back
+            self._marred |= self._away & ~silent
         self._absent = some(self._away)
 
     def _doubt(self, joints: Ints) -> None:
@@ -332,9 +328,6 @@ class JointVerificationState:
         self._report_unverified(port.name, found)
         if not held and some(shift != before):
             hardware.turn(number, shift[rows])
-            context.robot.measured = replace(
-                context.robot.measured, position=frozen(hardware.readings.where())
-            )
 
     def _place(self) -> None:
         """Mark joints without a known turn as unknown; joints that get goals keep their position."""
