@@ -330,7 +330,10 @@ def test_a_scan_without_a_device_reports_whether_the_bus_is_silent(rig: DeviceRi
     assert rig.end(ticket).parameters == {"bus": "lower", "message": "unplugged", "silent": False}
 
 
-def test_a_scan_of_a_bus_that_fails_is_answered_with_its_error(rig: DeviceRig) -> None:
-    rig.upper.ends["scan"] = SILENT
+@pytest.mark.parametrize("error", [SILENT, KeyError("led"), ValueError("a model without a table")])
+def test_a_scan_that_fails_is_answered_with_its_error_and_fails_no_tick(
+    rig: DeviceRig, error: Exception
+) -> None:
+    rig.upper.ends["scan"] = error
     reply = rig.call(link.Scan)
-    assert (reply.error, reply.parameters) == ("BusFailed", {"bus": "upper", "message": str(SILENT)})
+    assert (reply.error, reply.parameters) == ("BusFailed", {"bus": "upper", "message": str(error)})

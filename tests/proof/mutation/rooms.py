@@ -541,6 +541,11 @@ ROOMS = (
         ("twind/loop/procedures/device_procedures.py",),
         ("tests/loop/test_device_steps.py",),
     ),
+    Room(
+        "submissions",
+        ("twind/loop/procedures/trajectory_submissions.py",),
+        ("tests/loop/test_submission_steps.py", "tests/loop/test_submission_reports.py"),
+    ),
 )
 
 

@@ -138,7 +138,7 @@ class DeviceCommands:
         task = port.run(port.reader.identify())
         try:
             yield from all_of([task])
-        except BusError as error:
+        except (BusError, KeyError, ValueError) as error:
             return CallFailure("BusFailed", {"bus": port.name, "message": str(error)})
         assert task.result is not None
         if not task.result:

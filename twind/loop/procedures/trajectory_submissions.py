@@ -72,7 +72,7 @@ class TrajectorySubmissions:
         self._gate_input = gate_input
         self._figures = figures
         self._followed: dict[str, link.Submit] = {}
-        self._report_at = 0.0
+        self._report_at = -inf
         self._stops = 0  # requests to stop since the start
 
     # --------------------------------------------------------------------------- trajectories
@@ -87,8 +87,8 @@ class TrajectorySubmissions:
         taken = None if command.check_only else way.take(command.received, clock.now(), inf)
 
         def answer(outcome: CallOutcome | None) -> None:
-            if outcome is not None:
-                self._context.reports.answer(command, outcome)
+            assert outcome is not None  # every trajectory has one
+            self._context.reports.answer(command, outcome)
 
         self._context.procedures.beside(self._judge(command, data, taken, now), answer)
 
@@ -175,8 +175,7 @@ class TrajectorySubmissions:
                 ReasonCode.CMD_EXPIRED, value=age, bound=STALE_VERDICT, message="the front's verdict is old"
             )
         tolerances, goal_time = self._ending(command)
-        if command.client:
-            self._lease.renew(command.client, now)
+        self._lease.renew(command.client, now)
         lead = self._lead(path, command.start_in)
         refused = context.executor.submit(
             command.id,
@@ -230,12 +229,13 @@ class TrajectorySubmissions:
 
         Of a delayed start only the verdict's, as the delay is intended.
         """
+        assert taken is not None  # only a check has none
         reference = self._context.executor.reference
+        assert reference is not None  # the path is followed from it
         at = self._context.clock.now()
-        if taken is not None:
-            self._way.judge(taken, at)
-            if reference is not None and not command.start_in:
-                self._way.accept(taken, command.id, commanded, reference, at)
+        self._way.judge(taken, at)
+        if not command.start_in:
+            self._way.accept(taken, command.id, commanded, reference, at)
 
     def _refused(
         self, command: link.Submit, verdict: Verdict, taken: StartedCommand | None, now: float
@@ -269,8 +269,8 @@ class TrajectorySubmissions:
             self._send_verdict(STREAM, judged.verdict, now)
             context.reports.refuse(command, judged.verdict.refusals)
             return
-        if before is not None:
-            self._way.accept(taken, STREAM, self._places(judged.joints), before, at)
+        assert before is not None  # the setpoint is followed from it
+        self._way.accept(taken, STREAM, self._places(judged.joints), before, at)
         context.robot.untouched = False
         self.epoch = self._lease.epoch
         changes = [asdict(finding) for finding in (*judged.verdict.changes, *late)]
