@@ -57,3 +57,41 @@ def test_a_mixed_bus_reads_the_others_past_a_silent_servo(silent: int) -> None:
     rig.faults.silence(silent)
     others = np.array([1, 2, 3, 4]) != silent
     assert all(sample.heard[others].all() for sample in rig.ticks(20))
+
+
+def asked(ids: tuple[int, ...], grouped: tuple[int, ...]) -> list[bytes]:
+    """Requests of a read of 2 bytes at 56."""
+    chain = chained_read(ids, 56, 2, grouped.__contains__, sync_read)
+    return [chain.packet, *(request for _, request in chain.then)]
+
+
+def test_two_or_more_servos_with_group_reads_are_asked_together_and_one_alone_like_the_others() -> None:
+    single = {id: read(id, 56, 2) for id in (1, 2, 3)}
+    assert asked((1, 2, 3), (1, 3)) == [sync_read((1, 3), 56, 2), single[2]]
+    assert asked((1, 2, 3), (2,)) == [single[1], single[2], single[3]]
+    assert asked((1, 2), (1, 2)) == [sync_read((1, 2), 56, 2)]
+    assert asked((1,), (1,)) == asked((1,), ()) == [single[1]]
+
+
+def test_the_echo_of_a_single_read_of_two_bytes_is_no_reply() -> None:
+    """It has the form of a status with an error."""
+    for ids, grouped in (((1,), ()), ((1, 2, 3), (2, 3))):
+        reply = chained_read(ids, 56, 2, grouped.__contains__, sync_read).reply
+        assert reply is not None
+        echo = read(1, 56, 2)
+        reply.receive_buffer()[: len(echo)] = echo
+        assert not reply.take(len(echo))
+        reply.end()
+        assert not reply.heard.any()
+
+
+@pytest.mark.parametrize("refusals", [None, True])
+def test_an_error_alone_is_an_answer_where_the_family_says_so(refusals: bool | None) -> None:
+    more = {} if refusals is None else {"refusals": refusals}
+    reply = chained_read((1,), 56, 2, lambda _: False, sync_read, **more).reply
+    assert reply is not None
+    error = instruction(1, 0x20)
+    reply.receive_buffer()[: len(error)] = error
+    reply.take(len(error))
+    reply.end()
+    assert reply.answered.tolist() == [refusals is True]

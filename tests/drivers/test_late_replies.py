@@ -2,9 +2,9 @@
 
 import pytest
 
-from twind_drivers.dynamixel.packet import Framer, Packet, status
+from twind_drivers.dynamixel.packet import Framer, Packet, read, status
 from twind_drivers.dynamixel.replies import StatusReply
-from twind_drivers.half_duplex.late_replies import KEPT, REMEMBERED, LateReplies
+from twind_drivers.half_duplex.late_replies import REMEMBERED, LateReplies
 
 
 def packets(*rows: tuple[int, int]) -> list[Packet]:
@@ -64,7 +64,40 @@ def test_a_missed_reply_is_forgotten_after_a_second_and_few_are_kept(late: LateR
     assert not late
     late.measure(packets((2, 4)), now=11.0)
     assert not late.delays
-    for count in range(2 * KEPT):
+    for count in range(2 * 64):
         late.record(ended(ids=(2,)), sent=20.0 + count)
         late.measure(packets((2, 4)), now=20.01 + count)
-    assert len(late.delays) == KEPT
+    assert len(late.delays) == 64
+
+
+def test_a_missed_reply_is_forgotten_after_a_second_also_beside_a_newer_one(late: LateReplies) -> None:
+    late.record(ended(ids=(2,)), sent=10.0)
+    late.record(ended(ids=(2,), size=6), sent=10.5)
+    late.record(ended((1, 4), ids=(1,)), sent=10.0 + REMEMBERED)
+    late.measure(packets((2, 4)), now=11.0)
+    assert not late.delays
+    late.measure(packets((2, 6)), now=11.02)
+    assert list(late.delays) == pytest.approx([0.52])
+
+
+def test_late_replies_to_equal_requests_are_measured_each_from_its_own(late: LateReplies) -> None:
+    for sent in (10.0, 10.01):
+        late.record(ended(ids=(2,)), sent=sent)
+    for now in (10.02, 10.03):
+        late.measure(packets((2, 4)), now=now)
+    assert list(late.delays) == pytest.approx([0.02, 0.02])
+
+
+def test_a_reply_in_time_ends_the_wait_for_earlier_ones(late: LateReplies) -> None:
+    late.record(ended(ids=(2,)), sent=10.0)
+    late.record(ended((2, 4), ids=(2,)), sent=10.01)
+    late.measure(packets((2, 4)), now=10.02)
+    assert not late.delays
+
+
+def test_a_request_of_another_master_is_no_late_reply(late: LateReplies) -> None:
+    late.record(ended(ids=(2,), size=3), sent=10.0)
+    [request] = Framer(status=None).feed(read(2, 132, 4))
+    assert len(request.data) == 3
+    late.measure([request], now=10.01)
+    assert not late.delays

@@ -36,7 +36,8 @@ def test_a_flipped_bit_in_an_echo_is_no_foreign_traffic_and_the_echo_is_known_ag
     )
     rig.perform(rig.reader.identify())
     goal = rig.arm()
-    rig.ticks(120, goal)  # what identification has missed is forgotten
+    rig.clock.sleep_until(rig.clock.now() + 1.2)  # what identification has missed is forgotten
+    rig.ticks(3, goal)
     damage_next_bytes(rig)
     damaged, *after = rig.ticks(6, goal)
     assert damaged.heard.all()

@@ -1,18 +1,28 @@
 """A port whose input a test writes, for one half-duplex line."""
 
+from twind_drivers.bus import PortError
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 
 
 class ScriptedPort:
-    """`input` is what the host receives next, `output` what it has sent."""
+    """`input` is what the host receives next, `writes` what it has sent; `error` meets the next write."""
 
     name = "port"
     warning = ""
-    holds = False
 
     def __init__(self) -> None:
+        self.holds = False
+        self.waiting = 0
+        self.flushed = 0  # times that the output was dropped
         self.input = b""
-        self.output = b""
+        self.writes: list[bytes] = []
+        self.error: PortError | None = None
+        self.settled = 0  # times that it was waited for the kernel
+
+    @property
+    def output(self) -> bytes:
+        """All that the host has sent."""
+        return b"".join(self.writes)
 
     def fileno(self) -> int:
         return -1
@@ -21,7 +31,9 @@ class ScriptedPort:
         return 0.0
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        self.output += bytes(data)
+        if self.error is not None:
+            raise self.error
+        self.writes.append(bytes(data))
 
     def read_into(self, buffer: memoryview) -> int:
         count = min(len(buffer), len(self.input))
@@ -30,7 +42,7 @@ class ScriptedPort:
         return count
 
     def settle(self) -> None:
-        pass
+        self.settled += 1
 
     def drain(self, thrown: bytearray | None = None) -> int:
         if thrown is not None:
@@ -40,10 +52,10 @@ class ScriptedPort:
         return count
 
     def backlog(self) -> int:
-        return 0
+        return self.waiting
 
     def flush(self) -> None:
-        pass
+        self.flushed += 1
 
     def close(self) -> None:
         pass

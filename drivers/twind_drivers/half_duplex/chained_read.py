@@ -24,7 +24,7 @@ def chained_read(
     """
     together = [id for id in ids if grouped(id)]
     alone = [id for id in ids if not grouped(id)]
-    if len(together) == 1 or len(ids) == 1:
+    if len(together) == 1:
         together = []
         alone = list(ids)
     singles = [read(id, address, size) for id in alone]

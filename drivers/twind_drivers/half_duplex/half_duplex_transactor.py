@@ -78,8 +78,8 @@ class HalfDuplexTransactor:
         self.return_delay_s = return_delay_s
         self.one_write = one_write
         self._find_packets = find_packets
-        self._sent_after = 0  # requests of the chain that have left, behind the first
-        self._passed = 0  # silent devices that the chain went past
+        self._sent_after: int  # requests of the chain that have left, behind the first
+        self._passed: int  # silent devices that the chain went past
         self._sensors = frozenset(sensors)
         self.urgent = b""
         self.goals = b""
@@ -92,16 +92,16 @@ class HalfDuplexTransactor:
         self.echo = False
         self._echoes = False  # `echo`, when the last transaction began
         self.exchange: SerialTransaction | None = None
-        self._done = True
+        self._done: bool  # the reply of `exchange` is complete
         self._busy = -inf  # s, time until which sent bytes are on the wire
         self._out: list[bytes] = [b""]  # bytes of each write of the last transaction; its first has the lead
         self._echoed = bytearray()  # of the last write, the bytes returned by an echo
         self.late_replies = LateReplies()
         self._late = bytearray()
 
-    def span(self, exchange: SerialTransaction, extra: int = 0) -> float:
-        """Return the bus time (s) that the transaction takes, with `extra` bytes before it."""
-        return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s + exchange.extra
+    def span(self, exchange: SerialTransaction) -> float:
+        """Return the bus time (s) that the transaction takes."""
+        return wire(exchange.size, self.baud) + exchange.delays * self.return_delay_s + exchange.extra
 
     def send(
         self, exchange: SerialTransaction, now: float, *, goals: bool = False, latest: float = -inf
@@ -116,16 +116,13 @@ class HalfDuplexTransactor:
         try:
             self._send(exchange, now, goals=goals, latest=latest)
         except PortError as error:
+            self.exchange = None
             if error.kind is PortErrorCause.OUTPUT_FULL:
-                self.exchange = None
-                self._done = True
                 self.urgent = self.urgent or self._leaving
                 self._busy = -inf
             raise
 
     def _send(self, exchange: SerialTransaction, now: float, *, goals: bool, latest: float) -> None:
-        self.exchange = None
-        self._done = True
         self.strays = self.transport.drain(self._late)
         if self.strays:
             self._look_back(now)
@@ -140,7 +137,8 @@ class HalfDuplexTransactor:
         self.exchange = exchange
         self._done = exchange.reply is None
         self.sent = now
-        self._out = [lead + exchange.packet]
+        first = lead + exchange.packet
+        self._out = [first]
         self._sent_after = 0
         self._passed = 0
         self._echoes = self.echo
@@ -150,18 +148,16 @@ class HalfDuplexTransactor:
             self.transport.write(lead)
             self.transport.write(exchange.packet)
         else:
-            self.transport.write(self._out[0])
+            self.transport.write(first)
         if self.urgent:
             self._leaving = self.urgent
             self.urgent = b""
         begin = max(now, self._busy)
-        self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
+        self._busy = begin + wire(len(first), self.baud)
         self.received = now
         # Wire time + return delays + slack: earlier, replies would be lost; later, the tick would overrun.
-        if exchange.then:
-            self.deadline = begin + wire(len(lead), self.baud) + self._step(exchange, 0)
-        else:
-            self.deadline = begin + self.span(exchange, len(lead))
+        span = self._step(exchange, 0) if exchange.then else self.span(exchange)
+        self.deadline = begin + wire(len(lead), self.baud) + span
         if not self._done:
             self._latest = latest
             self.deadline += self.slack
@@ -180,16 +176,16 @@ class HalfDuplexTransactor:
     def feed(self, now: float) -> bool:
         """Process received bytes; return True when the transaction is complete. Raises PortError."""
         exchange = self.exchange
-        reply = exchange.reply if exchange else None
-        if self._done or exchange is None or reply is None:
+        if exchange is None or self._done or exchange.reply is None:
             return True
+        reply = exchange.reply
         if self.echo and not self._past_echo(reply):
             return self._done
         count = self.transport.read_into(reply.receive_buffer())
         if count:
             self.received = now
             self._done = reply.take(count)
-        if exchange.then and not self._done:
+        if not self._done:
             self._go_on(exchange, reply, now)
         return self._done
 
@@ -222,16 +218,15 @@ class HalfDuplexTransactor:
         """End the transaction; its result stays in the exchange's reply until the next one."""
         exchange = self.exchange
         self.exchange = None
-        self._done = True
         reply = exchange.reply if exchange is not None else None
         if reply is not None:
-            self._sensor_read = bool(self._sensors) and self._sensors.issuperset(reply.ids)
+            self._sensor_read = self._sensors.issuperset(reply.ids)
             reply.end()
             self.strays += reply.strays
             if self._leaving and reply.answered.any():
                 self._leaving = b""
             if reply.unasked:
-                self._judge(reply.unasked, reply.first, self._out[0], self.received)
+                self._judge(reply.unasked, reply.first, self.received)
             if self.late_replies or not reply.whole:
                 self.late_replies.record(reply, self.sent)
         return exchange
@@ -247,16 +242,17 @@ class HalfDuplexTransactor:
 
     def _look_back(self, now: float) -> None:
         """Classify bytes that came after the last transaction had ended."""
-        self._judge(self._find_packets(self._late, status=None), bytes(self._late), self._out[-1], now)
+        self._judge(self._find_packets(self._late, status=None), bytes(self._late), now)
         self._late.clear()
         if self._sensor_read:
             self.strays = 0
 
-    def _judge(self, packets: Sequence[LinePacket], first: bytes, sent: bytes, now: float) -> None:
+    def _judge(self, packets: Sequence[LinePacket], first: bytes, now: float) -> None:
         """Classify packets outside a reply, received at the latest at `now` (s).
 
-        `first`: first bytes of the window; `sent` ones there are echo.
+        `first`: first bytes of the window; sent ones there are echo.
         """
+        sent = self._out[0]
         own = list(self._find_packets(sent, status=False))
         returned = first.startswith(sent) or (len(first) > ECHO_START and sent.startswith(first))
         if own and returned and list(packets[: len(own)]) == own:
@@ -266,7 +262,7 @@ class HalfDuplexTransactor:
             packets = self._without_echo(packets)
         unrequested = [each for each in packets if each.is_status and each.id in self._sensors]
         self.late += [len(each.data) for each in unrequested]
-        self.strays = max(0, self.strays - sum(each.octets for each in unrequested))
+        self.strays -= sum(each.octets for each in unrequested)
         self.late_replies.measure(packets, now)
         known = self.late_replies.ids | self._sensors
         self.foreign += sum(not each.is_status or each.id not in known for each in packets)
@@ -278,7 +274,7 @@ class HalfDuplexTransactor:
         for each in packets:
             if each in sent:
                 sent.remove(each)
-                self.strays = max(0, self.strays - each.octets)
+                self.strays -= each.octets
             else:
                 others.append(each)
         return others

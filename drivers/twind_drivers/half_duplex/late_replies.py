@@ -34,11 +34,7 @@ class LateReplies:
         """Record which devices missed the request of time `sent` (s), and which answered it."""
         self._until = {id: until for id, until in self._until.items() if until > sent}
         oldest = sent - REMEMBERED
-        self._missed = {
-            id: [row for row in rows if row[0] > oldest]
-            for id, rows in self._missed.items()
-            if id in self._until
-        }
+        self._missed = {id: [row for row in rows if row[0] > oldest] for id, rows in self._missed.items()}
         for id, answered in zip(reply.ids, reply.answered.tolist(), strict=True):
             if answered:
                 self._missed.pop(id, None)

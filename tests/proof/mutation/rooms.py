@@ -222,6 +222,21 @@ ROOMS = (
         ),
     ),
     Room(
+        "serialline",
+        (
+            "drivers/twind_drivers/half_duplex/half_duplex_transactor.py",
+            "drivers/twind_drivers/half_duplex/late_replies.py",
+            "drivers/twind_drivers/half_duplex/chained_read.py",
+        ),
+        (
+            "tests/drivers/test_half_duplex_transactor.py",
+            "tests/drivers/test_serial_line_times.py",
+            "tests/drivers/test_late_replies.py",
+            "tests/drivers/test_chained_read.py",
+            "tests/drivers/test_serial_echo.py",
+        ),
+    ),
+    Room(
         "hostwatchdog",
         ("drivers/twind_drivers/half_duplex/host_watchdog.py",),
         ("tests/drivers/test_host_watchdog.py",),
