@@ -76,7 +76,11 @@ def test_a_file_cut_short_is_refused(length: int) -> None:
     [
         ("twind-calibration/1", "twind-calibration/2", "is not twind-calibration/1"),
         ('robot: "h24"', 'robot: "kid20"', ":2:8: robot: made for robot 'kid20', not for 'h24'"),
-        (ROBOT.description_sha256, "00", "joints, ids, signs or ratios changed since: calibrate again"),
+        (
+            ROBOT.description_sha256,
+            "00",
+            "joints, ids, signs or ratios changed since: undo that, or calibrate again",
+        ),
         ('created: "2026-11-21T09:14:03Z"', 'created: "yesterday"', "write a time as 2026-11-21T09:14:03Z"),
         (
             'method_default: "import"',

@@ -115,6 +115,14 @@ def test_an_edited_calibration_is_found_and_not_called_missing(tmp_path: Path, r
     assert found("--config", str(file), code="CALIBRATION_MISSING") == []
 
 
+def test_a_changed_sign_is_found_with_the_way_to_a_new_calibration(tmp_path: Path, robot: Path) -> None:
+    place = calibrated(tmp_path, robot)
+    spoil(robot, lambda text: text.replace("{id: 1,", "{id: 1, sign: -1,", 1))
+    (finding,) = found("--config", str(settings(tmp_path, robot)), code="FILE_REFUSED")
+    assert "signs or ratios changed since" in finding.measured
+    assert f"`mv --backup=numbered {place} {place}.old`, start twind in mode mirror, " in finding.advice
+
+
 def test_the_calibration_of_another_robot_is_found(tmp_path: Path, robot: Path) -> None:
     file = calibrated(tmp_path, robot)
     spoil(robot, lambda text: text.replace("name: h24", "name: other", 1))

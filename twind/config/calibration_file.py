@@ -7,6 +7,7 @@ Raw counts are integers, so that a round trip is exact. The hash is of the file'
 import hashlib
 import json
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -142,7 +143,7 @@ def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
         raise top.refuse("robot", f"made for robot {given.robot!r}, not for {robot.name!r}")
     if given.robot_description_sha256 != robot.description_sha256:
         message = f"{given.robot_description_sha256} is not that of {robot.path}, {robot.description_sha256}"
-        remedy = "joints, ids, signs or ratios changed since: calibrate again"
+        remedy = "joints, ids, signs or ratios changed since: undo that, or calibrate again"
         raise top.refuse("robot_description_sha256", f"{message}; {remedy}")
     specs = {joint.actuator: joint for joint in robot.joints}
     given.joints.require_known(specs)
@@ -158,6 +159,12 @@ def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
         ),
         sha256=stated,
     )
+
+
+def set_aside(path: Path) -> str:
+    """Return the command that moves a file away, under a name that no other has."""
+    name = shlex.quote(str(path))
+    return f"`mv --backup=numbered {name} {name}.old`"
 
 
 def text_hash(text: str) -> str:

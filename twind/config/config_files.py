@@ -6,19 +6,21 @@ Used at start, and again by the process that checks the files for changes.
 import hashlib
 import os
 import pickle
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from twind.config.calibration_file import Calibration, load_calibration
+from twind.config.calibration_file import Calibration, load_calibration, set_aside
 from twind.config.cycle_budget import require_rate
-from twind.config.daemon_settings import DaemonSettings, load_settings
+from twind.config.daemon_settings import COMMAND_LINE, DaemonSettings, load_settings
 from twind.config.doc_pages import CALIBRATION, page
 from twind.config.driver_family import family
 from twind.config.file_changes import fingerprints
 from twind.config.identified_file import identified_path, load_identified
 from twind.config.port_names import SCHEME, wrong_port
 from twind.config.robot_file import RobotFile, load_robot
+from twind.config.yaml_tree import ConfigError, FilePosition
 from twind.exceptions import InvalidInput
 from twind.robot.finding import Finding, ReasonCode
 
@@ -97,7 +99,7 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     # A link that leads nowhere, or a folder, is no reason to go on without what was measured.
     measured = [overlay] if sources.identified is not None or os.path.lexists(overlay) else []
     files = fingerprints(([path] if path is not None else []) + measured)  # before they are read
-    calibration = load_calibration(path, robot) if path is not None else None
+    calibration = _calibration(path, robot, settings) if path is not None else None
     for each in measured:
         robot = replace(robot, identified=load_identified(each, robot))
     if robot.gate.contact_hold_nm and robot.identified is None:
@@ -121,6 +123,34 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     if settings.mode != "sim":
         require_rate(robot, rate_hz)
     return LoadedConfig(settings, robot, ports, calibration, rate_hz, files, denied)
+
+
+def _calibration(path: Path, robot: RobotFile, settings: DaemonSettings) -> Calibration:
+    """Load the calibration. Raises ConfigError, with the way to a new one."""
+    try:
+        return load_calibration(path, robot)
+    except ConfigError as error:
+        if error.forbidden:
+            raise
+        message = f"{error.message}; {new_calibration(path, settings, absent=error.absent)}"
+        mark = FilePosition(error.line, error.column)
+        raise ConfigError(error.file, mark, error.path, message) from error.__cause__
+
+
+def new_calibration(path: Path, settings: DaemonSettings, *, absent: bool) -> str:
+    """Return how to make a calibration in place of one that is refused; a daemon must run for that.
+
+    `absent`: no file is there.
+    """
+    without, option = "", ""
+    if settings.calibration is not None:
+        source = settings.origins.get("calibration", COMMAND_LINE)
+        without = " without " + ("--calibration" if source == COMMAND_LINE else f"`calibration:` in {source}")
+        option = f" --calibration {shlex.quote(str(path))}"
+    first = "" if absent else f"{set_aside(path)}, "
+    return (
+        f"to make a new one: {first}start twind in mode mirror{without}, `twindctl calibrate sweep{option}`"
+    )
 
 
 def overlay_path(settings: DaemonSettings, robot_name: str, named: str | None = None) -> Path:

@@ -6,6 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from twind.config.config_files import new_calibration
 from twind.config.doc_pages import CALIBRATION, page
 from twind.config.file_changes import fingerprint
 from twind.config.robot_file import RobotFile
@@ -60,8 +61,9 @@ def check_files(context: CheckContext) -> Iterator[DoctorFinding]:
         advice = "correct it there"
         if error.absent:
             advice = f"name an existing file; a relative path starts at {Path.cwd()}"
-        if _is_calibration(context, error.file):
-            advice = "restore this robot's file (`individual:` of the settings names it), or calibrate again"
+        if context.settings is not None and _is_calibration(context, error.file):
+            anew = new_calibration(Path(error.file), context.settings, absent=error.absent)
+            advice = f"restore this robot's file (`individual:` of the settings names it); {anew}"
         # A file that is not there has no wrong zeros or limits.
         caution = "" if error.absent else None
         yield DoctorFinding("FILE_REFUSED", place, text, advice=advice, caution=caution)

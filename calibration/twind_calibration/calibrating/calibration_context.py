@@ -14,7 +14,7 @@ from typing import Any
 
 from twind.client import CallError, Client
 from twind.command_line.verb import Rejected, UsageError
-from twind.config.calibration_file import Calibration, load_calibration
+from twind.config.calibration_file import Calibration, load_calibration, set_aside
 from twind.config.daemon_settings import usual_calibration
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
@@ -52,8 +52,8 @@ class CalibrationContext:
             if error.forbidden:
                 raise Rejected(f"{error}; try with sudo") from None
             raise Rejected(
-                f"{error}. Put an earlier file back (`twindctl calibrate rollback`), or move this one away: "
-                "what is measured then begins a new file"
+                f"{error}. Put an earlier file back (`twindctl calibrate rollback`), or move this one away "
+                f"({set_aside(self.path)}): what is measured then begins a new file"
             ) from None
 
     def select_actuators(self, names: Sequence[str], known: Sequence[str]) -> list[str]:

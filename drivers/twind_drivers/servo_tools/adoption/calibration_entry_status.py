@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from twind.command_line.verb import Rejected
-from twind.config.calibration_file import Calibration, load_calibration
+from twind.config.calibration_file import Calibration, load_calibration, set_aside
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind_calibration.calibrating import calibration_draft as drafts
@@ -91,4 +91,5 @@ def _loaded(robot: RobotFile, path: Path, joint: str) -> Calibration:
     try:
         return load_calibration(path, robot)
     except ConfigError as error:
-        raise Rejected(f"{error}. Its entry of {joint} must be readable first") from None
+        away = f"or {set_aside(path)} moves the file away"
+        raise Rejected(f"{error}. Its entry of {joint} must be readable first, {away}") from None
