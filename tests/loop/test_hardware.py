@@ -8,6 +8,7 @@ import pytest
 
 from tests.support.two_bus_rig import PERIOD, TURN, TwoBuses
 from twind.loop.bus.bus_port import PortState
+from twind.robot.arrays import Floats
 
 # ------------------------------------------------------------------------------------- raw ↔ SI
 
@@ -301,3 +302,29 @@ def test_alerts_that_come_and_go_delay_no_script_that_changes_torque() -> None:
         world.tick(np.zeros(6))
     assert [task.result for task in tasks] == [(), ()]
     assert all(soft < once for soft, once in zip(left.servos["goal_pwm"], strong, strict=True))
+
+
+def test_goals_are_read_back_where_they_are_sent_and_a_bus_without_goals_delays_nothing() -> None:
+    """A bus that is back after a loss: its silent servo does not keep an e-stop from its reply."""
+    world = TwoBuses()
+    world.connect()
+    goal = np.full(6, 50 * TURN)
+    world.tick(goal, count=3)
+    left = world.virtual["left"]
+    left.faults.unplug()
+    world.tick(goal, count=2)
+    left.faults.replug()
+    left.faults.silence(2)
+    world.tick(goal, count=60)
+    assert [port.holding for port in world.ports] == [False, True]
+    reading = world.hardware.read_goals()
+    ended: list[Floats] = []
+    while not ended:
+        try:
+            next(reading)
+        except StopIteration as stop:
+            ended.append(stop.value)
+        world.tick(goal)
+    assert ended[0] == pytest.approx(
+        [np.nan, goal[1], np.nan, goal[3], np.nan, goal[5]], nan_ok=True, abs=TURN
+    )

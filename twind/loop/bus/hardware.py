@@ -152,12 +152,11 @@ class Hardware:
         return self._order(lambda writer, _: writer.damp())
 
     def read_goals(self) -> Generator[None, float, Floats]:
-        """Return the goals (n,) in the servos' registers, rad; NaN on buses that are not open.
-
-        Raises BusError.
-        """
+        """Return the goals (n,) in the registers, rad; NaN on buses that get none. Raises BusError."""
         requested = [
-            (port.run(port.writer.read_goals(), urgent=True), bus) for port, bus in self.pairs if port.writer
+            (port.run(port.writer.read_goals(), urgent=True), bus)
+            for port, bus in self.pairs
+            if port.writer and port.holding
         ]
         yield from all_of([task for task, _ in requested])
         held = np.full(len(self.joints), nan)
