@@ -66,6 +66,7 @@ ROOMS = (
             "twind/safety/retime.py",
             "twind/safety/setpoint_gate.py",
             "twind/safety/headroom.py",
+            "twind/safety/lead_in.py",
         ),
         (
             "tests/safety/test_gate.py",
