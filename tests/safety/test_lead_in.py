@@ -105,3 +105,36 @@ def test_no_accepted_first_point_leads_out_of_the_limits(
     track = [curve.sample(t) for t in np.linspace(0.0, curve.duration, 300)]
     places = np.array([reference.position[0] for reference in track if reference is not None])
     assert np.abs(places).max() <= 2.0 + 1e-9
+
+
+# ----------------------------------------------------------------------------------------- exact durations
+
+
+@pytest.mark.parametrize(
+    ("jump", "velocity", "before", "limit", "acceleration", "lead"),
+    [
+        (0.04, None, 0.0, 0.5, 1e4, 0.30),  # quintic: 1.875 x jump in the time, at half of the limit
+        (0.02, 0.4, 0.0, 0.5, 1e4, 0.38),  # what the path's own velocity leaves of the limit
+        (0.02, 0.49, 0.0, 0.5, 1e4, 1.50),  # a twentieth of it at least
+        (0.03, None, 0.0, 100.0, 1.0, 0.68),  # acceleration: 6 x jump over the square of the time, at 40 %
+        (0.001, None, 0.1, 100.0, 2.0, 0.50),  # ten times the time in which the velocity could end
+        (1e-9, None, 0.0, 4.0, 20.0, 0.0),  # rounding
+        (1.05e-9, None, 0.0, 4.0, 20.0, 0.01),
+    ],
+)
+def test_the_way_to_a_first_point_lasts_as_long_as_its_tightest_rule_asks(
+    jump: float, velocity: float | None, before: float, limit: float, acceleration: float, lead: float
+) -> None:
+    bounds = limits(2, velocity=[limit, 100.0], acceleration=[acceleration, 1e4])
+    speeds = None if velocity is None else [[velocity, 0.0], [0.0, 0.0]]
+    given_ = path([0.0, 1.0], [[jump, 0.5], [jump, 0.5]], speeds)
+    start = Reference(np.array([0.0, 0.5]), np.array([before, 0.0]), np.zeros(2))
+    assert led_in(given_, start, bounds, PERIOD).time[0] == pytest.approx(lead)
+
+
+def test_the_speed_of_a_joint_that_is_not_commanded_does_not_lengthen_the_way() -> None:
+    both = path([0.0, 1.0], [[0.04, 9.0], [0.04, 9.0]])
+    one = Trajectory(both.time, both.position, np.array([True, False]))
+    bounds = limits(2, velocity=0.5, acceleration=[1e4, 2.0])
+    start = Reference(np.zeros(2), np.array([0.0, 0.4]), np.zeros(2))
+    assert led_in(one, start, bounds, PERIOD).time[0] == pytest.approx(0.30)
