@@ -11,6 +11,7 @@ TIMEOUT = 0.1
 def test_the_relay_is_open_until_the_loop_beats_and_asks_for_it() -> None:
     dead_man = DeadMan(TIMEOUT)
     assert not dead_man.is_closed(0, True, 10.0), "a wish without a beat"
+    assert not dead_man.tripped
     assert not dead_man.is_closed(1, False, 10.01)
     assert dead_man.is_closed(2, True, 10.02)
 
@@ -25,6 +26,13 @@ def test_a_missed_beat_opens_it_and_the_next_beat_does_not_close_it() -> None:
     assert not dead_man.is_closed(3, False, 10.21)
     assert not dead_man.tripped
     assert dead_man.is_closed(4, True, 10.22)
+
+
+def test_a_beat_counts_for_the_whole_timeout() -> None:
+    dead_man = DeadMan(0.25)
+    assert dead_man.is_closed(1, True, 10.0)
+    assert dead_man.is_closed(1, True, 10.25)
+    assert not dead_man.is_closed(1, True, 10.26)
 
 
 def test_an_open_relay_does_not_trip() -> None:

@@ -3,9 +3,10 @@
 import pytest
 
 from twind.power.power_states import RelayState
-from twind.power.supply_sequence import COMES, MORE, SupplyFault, SupplyInput, SupplySequence
+from twind.power.supply_sequence import SupplyFault, SupplyInput, SupplySequence
 
-FALL = 1.0
+FALL = 1.0  # s
+COMES, MORE = 5.0, 0.5  # s: as docs/safety.md states them
 TICK = 0.01
 
 
@@ -113,3 +114,44 @@ def test_after_a_failure_it_is_open_for_a_while_before_it_closes(
     assert not run.sequence.wanted
     run.steps(MORE + 0.05)
     assert run.sequence.wanted
+
+
+def at(sequence: SupplySequence, now: float, relay: RelayState, powered: bool | None = False) -> bool:
+    """Return whether the relay is wanted after a step at `now`, s."""
+    sequence.step(now, SupplyInput(relay, True, False, powered))
+    return sequence.wanted
+
+
+def test_the_bounds_of_time_belong_to_what_they_allow() -> None:
+    sequence = SupplySequence(FALL)
+    assert sequence.fault is SupplyFault.ABSENT and not sequence.wanted
+    assert not at(sequence, -9.0, RelayState.UNKNOWN)
+    assert not at(sequence, 0.0, RelayState.OPEN)
+    at(sequence, FALL - 0.001, RelayState.OPEN, powered=True)
+    assert sequence.fault is None
+    at(sequence, FALL, RelayState.OPEN, powered=True)
+    assert sequence.fault is SupplyFault.STAYS
+    assert not at(sequence, FALL + MORE - 0.001, RelayState.OPEN)
+    assert at(sequence, FALL + MORE, RelayState.OPEN)
+    assert at(sequence, 16.0, RelayState.CLOSED)
+    assert at(sequence, 16.0 + COMES - 0.001, RelayState.CLOSED) and sequence.fault is None
+    assert at(sequence, 16.0 + COMES, RelayState.CLOSED)
+    assert sequence.fault is SupplyFault.MISSING
+
+
+def test_a_relay_that_opened_of_itself_is_closed_after_a_fall_alone() -> None:
+    sequence = SupplySequence(FALL)
+    at(sequence, 0.0, RelayState.OPEN)
+    assert at(sequence, FALL + MORE, RelayState.OPEN)
+    assert at(sequence, 2.0, RelayState.CLOSED, powered=True)
+    assert not at(sequence, 3.0, RelayState.OPEN)
+    assert at(sequence, 3.0 + FALL + MORE, RelayState.OPEN)
+
+
+def test_a_supply_from_before_the_relay_closed_does_not_count() -> None:
+    sequence = SupplySequence(FALL)
+    at(sequence, 0.0, RelayState.CLOSED, powered=True)
+    at(sequence, 1.0, RelayState.OPEN)
+    at(sequence, 2.0, RelayState.CLOSED)
+    at(sequence, 2.0 + COMES, RelayState.CLOSED)
+    assert sequence.fault is SupplyFault.MISSING

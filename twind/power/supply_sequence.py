@@ -54,7 +54,7 @@ class SupplySequence:
         if given.must_open or given.relay in BROKEN:
             self.wanted = False
         elif given.relay is RelayState.OPEN and self.fault is None and given.may_close:
-            self.wanted = self.wanted or lasted >= self._fall + MORE
+            self.wanted = lasted >= self._fall + MORE
 
     def _judge(self, given: SupplyInput, lasted: float) -> SupplyFault | None:
         if given.relay is RelayState.UNKNOWN:

@@ -553,6 +553,22 @@ ROOMS = (
         ("tests/loop/test_supply_steps.py", "tests/loop/test_measured_supply.py"),
     ),
     Room(
+        "power",
+        (
+            "twind/power/dead_man.py",
+            "twind/power/supply_sequence.py",
+            "twind/power/relay_switch.py",
+            "twind/power/stop_button.py",
+        ),
+        (
+            "tests/power/test_power_devices.py",
+            "tests/power/test_dead_man.py",
+            "tests/power/test_supply_sequence.py",
+            "tests/power/test_relay_switch.py",
+            "tests/power/test_stop_button.py",
+        ),
+    ),
+    Room(
         "devices",
         ("twind/loop/procedures/device_procedures.py",),
         ("tests/loop/test_device_steps.py",),
