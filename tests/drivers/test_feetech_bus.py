@@ -269,19 +269,6 @@ def test_a_held_servo_that_refuses_to_be_prepared_is_left_out_and_the_others_are
     assert abs(np.delete(others, 1) - 40).max() <= 2
 
 
-def test_a_silent_servo_and_one_that_refuses_are_both_named() -> None:
-    rig = rig_of()
-    here = rig.arm()
-    rig.faults.damage(2, 0x01)
-    rig.ticks(5, here)
-    rig.faults.silence(3)
-    with pytest.raises(
-        NoReply, match=r"no reply to read .* or preparation .*supply voltage.*\[3, 2\]"
-    ) as left:
-        rig.beside(rig.writer.prepare(here))
-    assert left.value.ids == (3, 2)
-
-
 def test_a_servo_without_torque_that_refuses_ends_the_preparation() -> None:
     rig = rig_of()
     here = rig.arm()

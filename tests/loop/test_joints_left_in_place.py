@@ -79,9 +79,11 @@ def test_where_no_joint_may_be_moved_the_robot_is_released_where_it_is() -> None
     assert rig.robot.written.tolist() == PLACE.tolist()
 
 
-def test_a_joint_whose_device_gets_no_goals_has_no_way() -> None:
+@pytest.mark.parametrize("why", ["left_out", "away", "back"])
+def test_a_joint_that_gets_no_goals_has_no_way(why: str) -> None:
+    """Its device refused, or its bus was lost."""
     rig = robot()
-    rig.hardware.left_out = TOE
+    setattr(rig.hardware, why, TOE)
     assert lowered(rig)
     assert rig.robot.written == pytest.approx([REST[0], REST[1], PLACE[2]], abs=0.02)
 
@@ -110,6 +112,7 @@ def test_where_all_with_torque_share_their_joints_with_a_limp_actuator_nothing_i
 # --------------------------------------------------------------------------------------------- legs
 
 
+@pytest.mark.parametrize("why", ["left_out", "away"])
 @pytest.mark.parametrize(
     ("support", "legs", "away", "begins"),
     [
@@ -123,11 +126,11 @@ def test_where_all_with_torque_share_their_joints_with_a_limp_actuator_nothing_i
     ],
 )
 def test_a_robot_on_its_own_feet_is_not_lowered_while_one_leg_stays_away_from_the_rest_pose(
-    support: str, legs: Bools, away: float, begins: bool
+    support: str, legs: Bools, away: float, begins: bool, why: str
 ) -> None:
     """It would be driven to its fall; its joints yield at once instead."""
     rig = robot(support, legs)
-    rig.hardware.left_out = TOE
+    setattr(rig.hardware, why, TOE)
     place = PLACE.copy()
     place[2] = REST[2] + away
     rig.read(position=place)

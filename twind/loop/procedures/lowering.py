@@ -66,7 +66,7 @@ def lower(
         now = context.clock.now()
         if reference is None or context.torque.soft_since is not None or now >= until:
             break
-        left = context.torque.limp | context.hardware.left_out | _half_silent(context)
+        left = context.torque.limp | ~context.hardware.energised_joints | _half_silent(context)
         if _only_one_leg_moves(context, left, target):
             return False
         start = choose(left, still(reference.position), reference)
