@@ -54,7 +54,7 @@ ENDS: Mapping[str, tuple[Callable[[Search], Any], Finding]] = {
     "a fault is latched": (lambda scene: scene.rig.condition.latch(LATCHED), LATCHED),
     "the state is left": (
         lambda scene: scene.rig.condition.change(RobotEvent.CALIBRATED),
-        Finding(ReasonCode.NOT_ARMED, message="the robot went to connected: disarmed, or a bus lost"),
+        Finding(ReasonCode.NOT_ARMED, message="the robot is connected: it was disarmed, or a bus was lost"),
     ),
     "another joint has torque": (
         lambda scene: scene.rig.hardware.slow.torque.__setitem__(0, 1),
@@ -361,7 +361,7 @@ def test_a_search_that_is_ended_by_force_leaves_torque_to_the_next_and_is_restor
     assert reached == [stage == "energise"] * 2
     assert scene.rig.hardware.log.count("clear") == cleared + 1
     assert scene.replies == [], "it is answered once it is restored"
-    state = "the robot went to calibrating: disarmed, or a bus lost"
+    state = "the robot is calibrating: it was disarmed, or a bus was lost"
     assert scene.findings() == [LATCHED if latched else Finding(ReasonCode.NOT_ARMED, message=state)]
     assert scene.rig.outcomes == [None]
 

@@ -348,7 +348,7 @@ def test_the_cause_of_an_end_from_outside_is_a_latch_the_end_of_the_daemon_or_th
     scene: Restoring,
 ) -> None:
     condition = scene.rig.condition
-    text = "the robot went to calibrating: disarmed, or a bus lost"
+    text = "the robot is calibrating: it was disarmed, or a bus was lost"
     assert find_end_cause(scene.rig) == Finding(ReasonCode.NOT_ARMED, message=text)
     condition.stop_wanted = True
     assert find_end_cause(scene.rig) == Finding(ReasonCode.NOT_ARMED, message="the daemon ends")

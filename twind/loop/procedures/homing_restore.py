@@ -281,5 +281,5 @@ def find_end_cause(context: ProcedureContext) -> Finding:
         return Finding(ReasonCode.NOT_ARMED, message="the daemon ends")
     return Finding(
         ReasonCode.NOT_ARMED,
-        message=f"the robot went to {context.condition.state.value}: disarmed, or a bus lost",
+        message=f"the robot is {context.condition.state.value}: it was disarmed, or a bus was lost",
     )
