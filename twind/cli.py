@@ -383,7 +383,7 @@ def _with_virtual(sources: ConfigSources, stack: ExitStack) -> tuple[ConfigSourc
     settings = sources.settings()
     robot = load_robot(settings.robot, settings.robot_folders)
     child = stack.enter_context(VirtualRobotProcess(settings.robot))
-    write_line(2, "info", f"twind: the virtual robot takes orders (push, hold, faults) at {child.faults}")
+    write_line(2, "info", f"twind: the virtual robot takes orders (hand, push, faults) at {child.faults}")
     ports = [
         f"{name}={virtual_port(family(robot.bus(name).kind).medium, path)}"
         for name, path in child.ports.items()

@@ -1,17 +1,26 @@
 import dataclasses
 import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.support.mujoco_servo_rig import WholeBodyRig
 from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of, tick_range
-from twind.config.robot_file import load_robot
+from twind.config.robot_file import load_robot, read_robot
+from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
+from twind.link import link_commands as link
+from twind.robot.finding import ReasonCode
 from twind.twin.mujoco_physics import body_of
 from twind.virtual.bench_servos import servo
-from twind.virtual.virtual_robot_spec import buses, make_spec, save
+from twind.virtual.virtual_robot_spec import buses, calibration, make_spec, save
 from twind_drivers.virtual.virtual_servos import ServoSpec
+
+ARM = Path(__file__).parents[2] / "docs" / "examples" / "arm" / "arm.yaml"
 
 
 def test_zeros_differ_are_always_the_same_and_keep_clear_of_the_seam() -> None:
@@ -125,3 +134,57 @@ def test_a_leg_of_the_body_goes_where_it_is_commanded() -> None:
     leg.drive(one > 0, goal, 0.0 * one, 200.0 * one, 3.0 * one, 0.0 * one, 10.0 * one)
     leg.advance(1.0)
     assert np.abs(leg.position - goal).max() < 0.005
+
+
+def arm_with(**changes: Any) -> RobotFile:
+    """The example arm, its shoulder otherwise than in the file; in the model it turns ±1.6 rad."""
+    robot = read_robot(ARM)
+    return replace(robot, joints=(replace(robot.joints[0], **changes), *robot.joints[1:]))
+
+
+def ends(robot: RobotFile) -> list[float]:
+    """Ends (rad) of the travel of the first joint in the calibration that fits."""
+    entry = calibration(make_spec(robot)).joints[0]
+    return sorted(angle_of(robot.joints[0], entry.zero_ticks, end) for end in entry.sweep_ticks)
+
+
+def test_the_travel_reaches_from_stop_to_stop_of_the_body() -> None:
+    assert ends(arm_with(lower=-1.0, upper=0.5)) == pytest.approx([-1.6, 1.6], abs=0.002)
+    assert ends(arm_with(lower=-1.59, upper=0.5)) == pytest.approx([-1.67, 1.6], abs=0.002)
+
+
+def test_a_body_whose_stops_are_a_turn_apart_keeps_the_travel_of_its_limits(tmp_path: Path) -> None:
+    robot = arm_with(lower=-1.0, upper=0.5)
+    wide = tmp_path / "wide.xml"
+    wide.write_text(robot.mjcf.replace('range="-1.6 1.6"', 'range="-3.1 3.1"'))
+    assert ends(replace(robot, mjcf_path=wide)) == pytest.approx([-1.08, 0.58], abs=0.002)
+
+
+def test_a_zero_keeps_a_travel_from_stop_to_stop_clear_of_the_seam(tmp_path: Path) -> None:
+    robot = arm_with(lower=-0.2, upper=0.2)
+    far = tmp_path / "far.xml"
+    far.write_text(robot.mjcf.replace('range="-1.6 1.6"', 'range="-0.3 5.4"'))
+    entry = calibration(make_spec(replace(robot, mjcf_path=far))).joints[0]
+    assert entry.sweep_ticks[0] >= 32 and entry.sweep_ticks[1] <= 4095 - 32
+    assert entry.seam_margin_ticks >= 32
+
+
+def test_a_limp_arm_on_its_stop_is_where_its_calibration_knows_it(tmp_path: Path) -> None:
+    text = ARM.read_text().replace("mjcf: arm.xml", f"mjcf: {ARM.with_suffix('.xml')}")
+    file = tmp_path / "arm.yaml"
+    file.write_text(text.replace("limits_rad: [-1.5, 1.5]", "limits_rad: [-1.2, 1.2]"))
+    rig = WholeBodyRig(str(file))
+    try:
+        rig.connect()
+        rig.virtual["main"].faults.lay("back")
+        rig.seconds(5.0)
+        assert abs(float(rig.loop.robot.measured.position[0])) > 1.5
+        rig.call(link.AcquireLease)
+        (refusal,) = rig.call(link.Arm).parameters["findings"]
+        assert (refusal["code"], refusal["joint"]) == (ReasonCode.OUT_OF_LIMIT, 0)  # as a real one's
+        rig.virtual["main"].faults.hand(id=1, rad=1.1)
+        rig.seconds(5.0)
+        rig.call(link.AcquireLease)
+        assert rig.call(link.Arm).error is None
+    finally:
+        rig.close()

@@ -4,6 +4,8 @@ An actuator that reads one turn after a power-up, but takes goals beyond it, may
 reach. `twind/safety/multiturn.py` determines its turn.
 """
 
+from math import isfinite
+
 from twind.config.actuator_types import TypeSpec
 from twind.config.calibration_file import SWEEP_MARGIN
 from twind.config.counts import rad_per_tick, tick_range, turn_start
@@ -37,6 +39,19 @@ def sweep_range(joint: JointSpec) -> tuple[float, float]:
     return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
 
 
+def range_to_stops(joint: JointSpec, stops: tuple[float, float]) -> tuple[float, float]:
+    """Return the range (rad) of an actuator in a sweep by hand from stop to stop; infinite: no stop there.
+
+    It is no smaller than `sweep_range`, and just that where stop to stop does not fit one turn.
+    """
+    usual = sweep_range(joint)
+    reach = tuple(stop if isfinite(stop) else own for stop, own in zip(stops, usual, strict=True))
+    lower, upper = min(reach[0], usual[0]), max(reach[1], usual[1])
+    low, high = tick_range(joint, 0, lower, upper)
+    fits = high - low < joint.type.ticks_per_turn - 2 * max(SEAM, slack(joint))
+    return (lower, upper) if fits else usual
+
+
 def longest_travel(joint: JointSpec) -> int:
     """Return the longest measured travel (ticks) that the actuator can be sent through."""
     turn = joint.type.ticks_per_turn
@@ -49,15 +64,15 @@ def slack(joint: JointSpec) -> int:
     return round(ASTRAY / abs(rad_per_tick(joint)))
 
 
-def zero_range(joint: JointSpec) -> tuple[int, int]:
+def zero_range(joint: JointSpec, by_hand: tuple[float, float] | None = None) -> tuple[int, int]:
     """Return the smallest and the largest zero that suit the travel of a swept joint.
 
     They keep it on one turn, clear of the seam. Of a longer travel they keep the middle on that turn.
-    Where no zero does, the first is above the last.
+    Where no zero does, the first is above the last. `by_hand`: its range, rad; None: `sweep_range`.
     """
     start = turn_start(joint.type)
     turn = joint.type.ticks_per_turn
-    low, high = tick_range(joint, 0, *sweep_range(joint))
+    low, high = tick_range(joint, 0, *(by_hand or sweep_range(joint)))
     if is_long(joint):
         low = high = (low + high) // 2
     return start + SEAM - low, start + turn - 1 - SEAM - high

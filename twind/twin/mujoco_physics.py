@@ -285,13 +285,19 @@ def _groups(robot: RobotFile) -> list[MotorGroup]:
 
 
 def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
-    """Return the ranges (lower, upper) of the joints that the model bounds, rad, by joint name."""
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    found = {joint.name: model.joint(joint.model_joint).id for joint in robot.joints}
+    """Return the ranges (lower, upper) of the joints that the model bounds, rad, by joint name.
+
+    Raises InvalidInput: it cannot be compiled.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    except ValueError as error:
+        raise InvalidInput(f"{robot.mjcf_path}: {error}; correct it") from None
+    bounded = {model.joint(at).name: model.jnt_range[at] for at in np.flatnonzero(model.jnt_limited)}
     return {
-        name: (float(model.jnt_range[at, 0]), float(model.jnt_range[at, 1]))
-        for name, at in found.items()
-        if model.jnt_limited[at]
+        joint.name: (float(bounded[joint.model_joint][0]), float(bounded[joint.model_joint][1]))
+        for joint in robot.joints
+        if joint.model_joint in bounded
     }
 
 

@@ -25,10 +25,11 @@ class EndstopPhysics(Protocol):
         """Set the ends (m,) of the shafts, in the unit of their positions."""
 
 
-def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth) -> int:
+def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth, by_hand: tuple[float, float]) -> int:
     """Return the encoder position at joint angle 0: from the truth, else fixed by the names.
 
-    That keeps the travel on one turn, clear of the seam. `joint` as it is wired. Raises InvalidInput.
+    That keeps the travel `by_hand` (rad) on one turn, clear of the seam. `joint` as it is wired. Raises
+    InvalidInput.
     """
     if truth.zero_ticks is not None:
         return truth.zero_ticks
@@ -39,7 +40,9 @@ def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth) -> int:
     middle = (first + last) // 2
     first = max(first, middle - SCATTER)
     last = min(last, middle + SCATTER)
-    return first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
+    zero = first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
+    least, most = zero_range(joint, by_hand)
+    return min(max(zero, least), most)
 
 
 def hinge_of(joint: JointSpec, zero: int, ends: Mapping[str, tuple[float, float]], unit: float) -> Hinge:

@@ -128,14 +128,20 @@ def refuse_impossible(robot: RobotFile, truth: RobotGroundTruth) -> None:
 
 def mechanical_stops(robot: RobotFile, truth: RobotGroundTruth) -> Mapping[str, tuple[float, float]]:
     """Return the ends of the joints, rad: by the truth, else as described, else the model's range."""
-    found = dict(ranges_of(robot))
+    found = dict(model_stops(robot))
     for joint in robot.joints:
-        free = (-math.inf, math.inf)  # a slot of a transmission ends where its joints do
-        low, high = free if joint.transmission else found.get(joint.name, free)
+        low, high = found[joint.name]
         low = low if joint.stops.lower is None else joint.stops.lower
         high = high if joint.stops.upper is None else joint.stops.upper
         found[joint.name] = truth.joint_truth(joint.name).stops_rad or (low, high)
     return found
+
+
+def model_stops(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
+    """Return the ends of the joints in the model, rad, infinite where it has none."""
+    found = ranges_of(robot)
+    free = (-math.inf, math.inf)  # also of a slot of a transmission: it ends where its joints do
+    return {joint.name: free if joint.transmission else found.get(joint.name, free) for joint in robot.joints}
 
 
 def random_truth(robot: RobotFile, seed: int) -> RobotGroundTruth:

@@ -26,7 +26,7 @@ from twind.config.calibration_file import (
 from twind.config.counts import slot_angles, ticks_of, turn_start
 from twind.config.driver_family import family, family_of
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
-from twind.config.travel import sweep_range
+from twind.config.travel import range_to_stops
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.attitude import Quaternion, matrix, product
@@ -37,7 +37,12 @@ from twind.twin.imu_model import mount_of, still
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
 from twind.version import __version__
 from twind.virtual.joint_actuators import hinge_of, zero_of
-from twind.virtual.robot_ground_truth import RobotGroundTruth, mechanical_stops, refuse_impossible
+from twind.virtual.robot_ground_truth import (
+    RobotGroundTruth,
+    mechanical_stops,
+    model_stops,
+    refuse_impossible,
+)
 from twind.virtual.virtual_twin import (
     BusTiming,
     DeviceOptions,
@@ -64,6 +69,7 @@ class VirtualRobotSpec:
     devices: Mapping[str, tuple[Any, ...]]  # by bus, in joint order: a `VirtualDevice` of its family
     frames: Mapping[str, EncoderFrame] = field(default_factory=dict)  # by joint
     truth: RobotGroundTruth = field(default_factory=RobotGroundTruth)
+    by_hand: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # by joint: travel by hand, rad
 
     @cached_property
     def wired(self) -> RobotFile:
@@ -103,7 +109,12 @@ def make_spec(
     _refuse_unknown_keys(robot, known)
     ends = {} if truth is None else mechanical_stops(robot, known)
     wired = [replace(joint, sign=_sign(joint, known)) for joint in robot.joints]
-    zeros = {joint.name: zero_of(robot.name, joint, known.joint_truth(joint.name)) for joint in wired}
+    stops = ends or model_stops(robot)
+    by_hand = {joint.name: range_to_stops(joint, stops[joint.name]) for joint in wired}
+    zeros = {
+        joint.name: zero_of(robot.name, joint, known.joint_truth(joint.name), by_hand[joint.name])
+        for joint in wired
+    }
     ids = {joint.name: joint.id for joint in robot.joints}
     made = VirtualRobotSpec(robot, zeros, {}, truth=known)
     options = DeviceOptions(firmware, baud, return_delay_us)
@@ -126,7 +137,7 @@ def make_spec(
         found = twin.robot_devices(RobotBusRequest(bus, wanted, options))
         devices[bus.name] = tuple(device for device, _ in found)
         frames |= {joint.name: frame for joint, (_, frame) in zip(joints, found, strict=True)}
-    return VirtualRobotSpec(robot, zeros, devices, frames, known)
+    return VirtualRobotSpec(robot, zeros, devices, frames, known, by_hand)
 
 
 def _refuse_unknown_keys(robot: RobotFile, truth: RobotGroundTruth) -> None:
@@ -172,7 +183,7 @@ def _with_travel(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -
     joint = made.wired.joints[made.robot.names.index(holder)]
     ends = made.hinge(holder).stops
     if not all(map(math.isfinite, ends)):
-        ends = sweep_range(joint)
+        ends = made.by_hand[holder]
     places = (ticks_of(joint, made.zeros[holder], end) for end in ends)
     low, high = sorted(map(made.frames[holder].shown, places))
     turn = joint.type.ticks_per_turn

@@ -77,7 +77,7 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
         "refused; firmware, implausible travel: warning",
         "A device differs from its calibration, restarted, or reported a hardware error. Or its turn "
         "is unknown, homing has not restored its settings, or a robot file changed.",
-        "`twindctl doctor` names the difference; restore it, restart, or calibrate again",
+        "follow its message; `twindctl doctor` gives the command that restores a servo's setting",
     ),
     ReasonCode.HW_DISCONNECTED: ReasonText(
         REFUSED,
