@@ -303,6 +303,19 @@ def test_a_port_whose_last_packet_leaves_in_time_can_be_opened_again(terminal: T
     opened_again(terminal).close()
 
 
+def test_a_port_is_closed_although_no_further_thread_is_permitted(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    port = SerialTransport(terminal.path, 1_000_000)
+    monkeypatch.setattr(port, "backlog", lambda: 5)
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    port.close()
+    SerialTransport(terminal.path, 1_000_000).close()
+
+
 def test_an_output_that_is_full_is_an_error_but_not_a_loss(terminal: Terminal) -> None:
     port = SerialTransport(terminal.path, 1_000_000)
 

@@ -138,7 +138,7 @@ def test_a_robot_on_its_own_feet_is_not_lowered_while_one_leg_stays_away_from_th
     assert (rig.robot.written != PLACE).any() == begins
     told = [(each.level, each.code, each.message) for each in rig.book.events]
     if not begins:
-        message = "toe cannot be moved: no way to the rest pose on the other leg"
+        message = "toe cannot come to the rest pose: no way there on the other leg"
         assert told == [("error", "SETTLE", message)]
 
 
@@ -148,3 +148,35 @@ def test_a_leg_whose_transmission_has_a_silent_actuator_stays_too() -> None:
     assert not lowered(rig)
     assert rig.codes() == ["DEVICE_MISSING", "SETTLE"]
     assert rig.robot.written.tolist() == PLACE.tolist()
+
+
+@pytest.mark.parametrize(
+    ("support", "legs", "short", "begins"),
+    [
+        ("free", TOE, NEAR + 0.01, False),
+        ("free", TOE, NEAR - 0.01, True),
+        ("free", HIP, NEAR + 0.01, True),
+        ("gantry", TOE, NEAR + 0.01, True),
+    ],
+)
+def test_a_leg_whose_measured_travel_ends_before_the_rest_pose_stays_away_from_it(
+    support: str, legs: Bools, short: float, begins: bool
+) -> None:
+    """The other would crouch alone, and torque would go off beside the rest pose."""
+    rig = robot(support, legs)
+    lower_end = np.full(3, -9.0)
+    lower_end[2] = REST[2] + short
+    limits = replace(rig.robot.limits, lower=lower_end, upper=np.full(3, 9.0))
+    rig.robot.description = replace(rig.robot.description, limits=limits)
+    rig.executor.limits = limits
+    assert lowered(rig) is begins
+    assert (rig.robot.written != PLACE).any() == begins
+    assert rig.codes() == ([] if begins else ["SETTLE"])
+
+
+@pytest.mark.parametrize(("legs", "begins"), [(TOE, False), (HIP | KNEE, True)])
+def test_a_leg_on_a_lost_bus_stays_away_from_the_rest_pose(legs: Bools, begins: bool) -> None:
+    rig = robot("free", legs)
+    rig.hardware.away = TOE
+    lowered(rig)
+    assert (rig.robot.written != PLACE).any() == begins

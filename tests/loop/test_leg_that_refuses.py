@@ -31,6 +31,6 @@ def test_the_other_leg_is_not_driven_and_all_yield_at_once(
         furthest = max(furthest, abs(rig.truth[right] - before))
     assert rig.clock.now() - begun < 1.0 and furthest < 0.02
     told = [each.message for each in rig.events("SETTLE")]
-    assert told == ["l_knee cannot be moved: no way to the rest pose on the other leg"]
+    assert told == ["l_knee cannot come to the rest pose: no way there on the other leg"]
     rig.seconds(8.0)
     assert not np.any(rig.register("torque_enable"))

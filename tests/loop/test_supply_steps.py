@@ -171,6 +171,17 @@ def test_the_relay_does_not_close_under_torque(rig: Supply) -> None:
     assert not rig.wanted()
 
 
+def test_a_button_that_is_pressed_while_the_relay_is_about_to_close_keeps_it_open(rig: Supply) -> None:
+    rig.hardware.slow.torque[:] = -1  # no device has a supply
+    rig.serve()
+    rig.serve(FALL + MORE)
+    assert rig.wanted()
+    rig.press()
+    assert not rig.wanted()
+    rig.press(ButtonState.RELEASED)
+    assert not rig.wanted()
+
+
 @pytest.mark.parametrize("state", [ButtonState.UNKNOWN, ButtonState.PRESSED, ButtonState.UNPLUGGED])
 def test_the_relay_closes_with_a_released_button_and_no_stop_alone(rig: Supply, state: ButtonState) -> None:
     rig.hardware.slow.torque[:] = -1

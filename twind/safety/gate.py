@@ -190,8 +190,15 @@ def _lead(
         possible = np.abs(path.position[0] - before.position) <= thresholds.start_jump
         if path.velocity is not None:
             possible &= np.abs(path.velocity[0]) <= limits.velocity
-    led = led_in(path, before, limits, period) if possible[path.commanded].all() else path
-    if led is path:
+    head = replace(  # two points tell that way, and the corner at its end; of 2000 a copy lasts 1 ms
+        path,
+        time=path.time[:2],
+        position=path.position[:2],
+        velocity=None if path.velocity is None else path.velocity[:2],
+        acceleration=None if path.acceleration is None else path.acceleration[:2],
+    )
+    led = led_in(head, before, limits, period) if possible[path.commanded].all() else head
+    if led is head:
         return []
     way = _subject(led, before, limits)
     spots = judge(way, 0, 1, relaxed(way) or way.limits, thresholds)

@@ -198,8 +198,12 @@ class SerialTransport:
             return
         _closing.add(self._path)
         worker = threading.Thread(target=self._release, name=f"close {self.name}", daemon=True)
-        worker.start()
-        worker.join(LEAVING)
+        try:
+            worker.start()
+        except RuntimeError:  # no further thread is permitted: it is waited for
+            self._release()
+        else:
+            worker.join(LEAVING)
 
     def _output_waits(self) -> bool:
         try:
@@ -208,8 +212,10 @@ class SerialTransport:
             return False
 
     def _release(self) -> None:
-        self._port.close()
-        _closing.discard(self._path)
+        try:
+            self._port.close()
+        finally:  # else it could never be opened again
+            _closing.discard(self._path)
 
     def _make_lost_error(self, what: str, error: OSError) -> PortError:
         gone = "closed" if self._fd < 0 else self._loss

@@ -67,7 +67,7 @@ def lower(
         if reference is None or context.torque.soft_since is not None or now >= until:
             break
         left = context.torque.limp | ~context.hardware.energised_joints | _half_silent(context)
-        if _only_one_leg_moves(context, left, target):
+        if _leg_stays_away(context, left, target, pose):
             return False
         start = choose(left, still(reference.position), reference)
         there = np.where(left, reference.position, target)
@@ -108,19 +108,22 @@ def _half_silent(context: ProcedureContext) -> Bools:
     return found
 
 
-def _only_one_leg_moves(context: ProcedureContext, left: Bools, target: Floats) -> bool:
-    """Check for a leg of a free-standing robot that stays away from `target` (n,) while the other crouches.
+def _leg_stays_away(context: ProcedureContext, left: Bools, target: Floats, pose: Floats) -> bool:
+    """Check for a leg of a free-standing robot that does not come to `pose` (n,) while the other crouches.
 
-    The robot would be driven to its fall. `left` (n,): joints that are not moved.
+    The robot would be driven to its fall, or released beside its rest pose. `left` (n,): joints that are not
+    moved; `target` (n,): where the others end.
     """
     robot = context.robot
-    near = np.abs(robot.measured.position - target) <= NEAR
-    away = left & robot.description.ratings.leg & ~near
-    falls = not robot.carried and some(away)
-    if falls:
-        message = f"{joint_names(context, away)} cannot be moved: no way to the rest pose on the other leg"
+    if robot.carried:
+        return False
+    end = np.where(left, robot.measured.position, target)
+    away = robot.description.ratings.leg & ~(np.abs(end - pose) <= NEAR)
+    found = some(away)
+    if found:
+        message = f"{joint_names(context, away)} cannot come to the rest pose: no way there on the other leg"
         context.reports.event("error", EventCode.SETTLE, message)
-    return falls
+    return found
 
 
 def _confirm_begun(context: ProcedureContext) -> Steps:

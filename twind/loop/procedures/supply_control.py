@@ -139,10 +139,11 @@ class SupplyControl:
         if now - self._looked_at >= LOOK:
             self._looked_at = now
             self._powered = self._measure_supply(now)
-        opens = not live or self._is_stop_over(now)
-        # A relay that is open stays open during a stop: behind it no torque can be read off any more.
-        closes = idle and released and self._stopped_at is None
-        sequence.step(now, SupplyInput(self.relay, closes, opens, self._powered))
+        # A relay that is open stays open during a stop, also one that is ordered to close and has not yet:
+        # behind it no torque can be read off any more.
+        stays = self.relay is RelayState.OPEN and self._stopped_at is not None
+        opens = not live or stays or self._is_stop_over(now)
+        sequence.step(now, SupplyInput(self.relay, idle and released, opens, self._powered))
         if sequence.fault is not self._reported:
             self._reported = sequence.fault
             context.reports.urgent = True
