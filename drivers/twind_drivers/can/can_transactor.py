@@ -353,7 +353,8 @@ class CanTransactor:
         feedback = self.aside = self.fleet.decode_frames(frames)
         self.spoke |= feedback.count > 0
         surplus = np.where(self.fleet.replies, feedback.count, 0)
-        np.add.at(surplus, [each.row for each in feedback.answers if not feedback.count[each.row]], 1)
+        replying = self.fleet.replies & (feedback.count == 0)
+        np.add.at(surplus, [each.row for each in feedback.answers if replying[each.row]], 1)
         self._judge(feedback, surplus, now)
         if feedback.count.any():
             self._silent_since = inf
@@ -369,7 +370,7 @@ class CanTransactor:
         for each in feedback.answers:
             if each.row in requested:  # a value may come in both forms, or two in one frame (RobStride)
                 surplus[each.row] = max(0, surplus[each.row] - 1)
-            elif not feedback.count[each.row]:
+            elif self.fleet.replies[each.row] and not feedback.count[each.row]:
                 surplus[each.row] += 1
         if exchange.acks is not None:
             surplus[exchange.acks] = 0

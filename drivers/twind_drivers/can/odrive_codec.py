@@ -114,6 +114,7 @@ _ACTIVE = {  # later boards
 
 _TELLING = np.isin(np.arange(32), TELLING)
 _ANSWERS = np.isin(np.arange(32), (0x03, ENCODER_ERROR, 0x14, SUPPLY, 0x1D))
+_REPORTS = _ANSWERS | (_TELLING & ~np.isin(np.arange(32), (HEARTBEAT, ESTIMATES)))  # no feedback
 
 
 class ODriveCodec(ActuatorFamily):
@@ -235,7 +236,10 @@ class ODriveCodec(ActuatorFamily):
         return found, reported
 
     def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
-        """Decode frames with errors, currents and supply; both halves of those with two values."""
+        """Decode frames with errors, currents and supply; both halves of those with two values.
+
+        An axis sends these and other reports by itself, where it is set to: none of them is a stranger.
+        """
         rows, command, data = self._match_rows(frames)
         found = (rows >= 0) & _ANSWERS.take(command)
         answers = []
@@ -246,7 +250,7 @@ class ODriveCodec(ActuatorFamily):
             answers.append(RegisterReply(row, address, content[:4]))
             if address in (0x14, SUPPLY):
                 answers.append(RegisterReply(row, address + SECOND, content[4:]))
-        return answers, found
+        return answers, (rows >= 0) & _REPORTS.take(command)
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
         """Return 1: the mode is unreadable, and `gains` sets it."""

@@ -284,7 +284,11 @@ ROOMS = (
     Room(
         "odrive",
         ("drivers/twind_drivers/can/odrive_codec.py",),
-        ("tests/drivers/test_odrive_codec.py", "tests/drivers/test_can_register_tables.py"),
+        (
+            "tests/drivers/test_odrive_codec.py",
+            "tests/drivers/test_can_register_tables.py",
+            "tests/drivers/test_can_own_reports.py",
+        ),
     ),
     Room(
         "robstride",
