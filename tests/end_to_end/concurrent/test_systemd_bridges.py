@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.support.certificates import Authority
-from tests.support.systemd.installed import PEERS, REPOSITORY
+from tests.support.systemd.installed import OPT, PEERS, REPOSITORY
 from tests.support.systemd.machine import Machine, stop
 from tests.support.systemd.service import DYNAMIC_USER, Service, Unit, drop_in, unprivileged_user
 
@@ -64,7 +64,8 @@ def test_a_ros_peer_receives_the_joints(simulated: Service) -> None:
     machine.inside("/etc/twind/ros-sim.env").write_text(f"ROS_DOMAIN_ID={DOMAIN}\nOPTIONS=--backend dds\n")
     unit = Unit(machine, "twind-ros@sim.service").start()
     peer = machine.popen(
-        "env", f"CYCLONEDDS_URI={config()}", PYTHON, f"{PEERS}/support/ros_dds_peer.py", DOMAIN
+        *("env", f"CYCLONEDDS_URI={config()}", f"PYTHONPATH={OPT}"),
+        *(PYTHON, "-m", "tests.support.ros_dds_peer", DOMAIN),
     )
     assert peer.stdin is not None and peer.stdout is not None
     try:

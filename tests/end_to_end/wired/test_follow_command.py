@@ -49,7 +49,9 @@ def test_a_follower_follows_mirrored_and_holds_when_the_leader_is_lost(
         with Robot(leader.sockets) as hand, Robot(follower.sockets, read_only=True, state_rate=100.0) as seen:
             patiently(lambda: hand.move({JOINT: 0.4}, time=2.0))
             until(
-                lambda: abs(seen.joints[JOINT].position + 0.4) < 0.02, 5.0, "the follower does not come there"
+                lambda: abs(seen.joints[JOINT].position + 0.4) < 0.02,
+                5.0,
+                lambda: f"the follower does not come there: {(tmp_path / 'said').read_text()}",
             )
             assert following.poll() is None, (tmp_path / "said").read_text()
             moving = threading.Thread(target=moved_until_lost, args=(hand,))
