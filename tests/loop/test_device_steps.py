@@ -139,6 +139,7 @@ def test_an_error_of_the_bus_is_the_reply(
         (REFUSED, True, "was refused", True),  # it may hold another value
         (SILENT, False, "is not confirmed", True),
         (BusError("dropped"), True, "is not confirmed", True),
+        (BusError("dropped"), False, "is not confirmed", False),  # by arming, which must not wait for it
     ],
 )
 def test_a_write_after_which_a_device_may_be_another_is_followed_by_an_identification(

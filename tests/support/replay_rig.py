@@ -112,7 +112,7 @@ class Replay:
     def __init__(self, flight: LoadedFlight, folder: Path) -> None:
         self.score: ReplayScript = score(flight)
         files = lay_out(flight.briefing, folder)
-        ports = tuple(f"{bus['name']}=/dev/null" for bus in flight.briefing.description["buses"])
+        ports = tuple(f"{bus['name']}=/dev/no-{bus['name']}" for bus in flight.briefing.description["buses"])
         self.described = describe(
             ConfigSources(
                 config=str(files.config),

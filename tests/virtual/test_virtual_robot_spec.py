@@ -149,8 +149,12 @@ def ends(robot: RobotFile) -> list[float]:
 
 
 def test_the_travel_reaches_from_stop_to_stop_of_the_body() -> None:
-    assert ends(arm_with(lower=-1.0, upper=0.5)) == pytest.approx([-1.6, 1.6], abs=0.002)
-    assert ends(arm_with(lower=-1.59, upper=0.5)) == pytest.approx([-1.67, 1.6], abs=0.002)
+    assert ends(arm_with(lower=-1.3, upper=1.2)) == pytest.approx([-1.6, 1.6], abs=0.002)
+    assert ends(arm_with(lower=-1.59, upper=1.0)) == pytest.approx([-1.67, 1.6], abs=0.002)
+
+
+def test_stops_so_wide_that_a_calibration_would_be_doubted_give_the_travel_of_the_limits() -> None:
+    assert ends(arm_with(lower=-1.0, upper=0.5)) == pytest.approx([-1.08, 0.58], abs=0.002)
 
 
 def test_a_body_whose_stops_are_a_turn_apart_keeps_the_travel_of_its_limits(tmp_path: Path) -> None:
@@ -161,7 +165,7 @@ def test_a_body_whose_stops_are_a_turn_apart_keeps_the_travel_of_its_limits(tmp_
 
 
 def test_a_zero_keeps_a_travel_from_stop_to_stop_clear_of_the_seam(tmp_path: Path) -> None:
-    robot = arm_with(lower=-0.2, upper=0.2)
+    robot = arm_with(lower=-0.25, upper=4.5)
     far = tmp_path / "far.xml"
     far.write_text(robot.mjcf.replace('range="-1.6 1.6"', 'range="-0.3 5.4"'))
     entry = calibration(make_spec(replace(robot, mjcf_path=far))).joints[0]
@@ -172,7 +176,7 @@ def test_a_zero_keeps_a_travel_from_stop_to_stop_clear_of_the_seam(tmp_path: Pat
 def test_a_limp_arm_on_its_stop_is_where_its_calibration_knows_it(tmp_path: Path) -> None:
     text = ARM.read_text().replace("mjcf: arm.xml", f"mjcf: {ARM.with_suffix('.xml')}")
     file = tmp_path / "arm.yaml"
-    file.write_text(text.replace("limits_rad: [-1.5, 1.5]", "limits_rad: [-1.2, 1.2]"))
+    file.write_text(text.replace("limits_rad: [-1.5, 1.5]", "limits_rad: [-1.3, 1.3]"))
     rig = WholeBodyRig(str(file))
     try:
         rig.connect()

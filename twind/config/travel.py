@@ -9,6 +9,7 @@ from math import isfinite
 from twind.config.actuator_types import TypeSpec
 from twind.config.calibration_file import SWEEP_MARGIN
 from twind.config.counts import rad_per_tick, tick_range, turn_start
+from twind.config.device_check import PLAUSIBLE_SWEEP
 from twind.config.robot_spec import JointSpec
 from twind.robot.measured_travel import ROOM
 
@@ -42,14 +43,16 @@ def sweep_range(joint: JointSpec) -> tuple[float, float]:
 def range_to_stops(joint: JointSpec, stops: tuple[float, float]) -> tuple[float, float]:
     """Return the range (rad) of an actuator in a sweep by hand from stop to stop; infinite: no stop there.
 
-    It is no smaller than `sweep_range`, and just that where stop to stop does not fit one turn.
+    It is no smaller than `sweep_range`, and just that where stop to stop does not fit one turn, or is so
+    much wider than described that a calibration of it would be doubted.
     """
     usual = sweep_range(joint)
     reach = tuple(stop if isfinite(stop) else own for stop, own in zip(stops, usual, strict=True))
     lower, upper = min(reach[0], usual[0]), max(reach[1], usual[1])
     low, high = tick_range(joint, 0, lower, upper)
     fits = high - low < joint.type.ticks_per_turn - 2 * max(SEAM, slack(joint))
-    return (lower, upper) if fits else usual
+    plausible = upper - lower <= PLAUSIBLE_SWEEP[1] * joint.reach
+    return (lower, upper) if fits and plausible else usual
 
 
 def longest_travel(joint: JointSpec) -> int:

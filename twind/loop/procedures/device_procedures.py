@@ -103,7 +103,7 @@ class DeviceCommands:
         done = "is written" if task.error is None else "was refused" if refused else "is not confirmed"
         message = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
         context.reports.event("info", EventCode.REGISTER, message)
-        unsure = isinstance(task.error, BusError) and (kept or not refused)
+        unsure = isinstance(task.error, NoReply) or (kept and isinstance(task.error, BusError))
         if unsure or (task.result is not None and task.result.eeprom):
             # the device may no longer match the robot file, which identification reports at once
             port.identify()
