@@ -62,6 +62,7 @@ class Desk:
 
     def __init__(self) -> None:
         self.offset = 0.0  # s that the test moved the clock of trajectories
+        self.stands = 0.0  # s, where that clock stands still: a busy machine lets no command expire
         self.daemon = ScriptedDaemon()
         self.results: list[dict[str, Any]] = []
         self.closed: dict[bool, str] = {}
@@ -74,7 +75,7 @@ class Desk:
             on_result=lambda result: self.results.append(dict(result)),
             tell=self.lines.append,
             wall_ns=lambda: NOW,
-            now=lambda: time.monotonic() + self.offset,
+            now=lambda: (self.stands or time.monotonic()) + self.offset,
         )
 
     def receive(self, topic: RosTopic, data: bytes, phase: str = "") -> dict[str, Any]:
@@ -102,8 +103,10 @@ def desk() -> Iterator[Desk]:
 
 @pytest.fixture
 def still() -> Desk:
-    """A desk whose queues serve nothing."""
-    return Desk()
+    """A desk whose queues serve nothing until they are started, at one time."""
+    made = Desk()
+    made.stands = time.monotonic()
+    return made
 
 
 # ---------------------------------------------------------------------------------------------- trajectories
