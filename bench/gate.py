@@ -104,6 +104,7 @@ def _snapshot(path: Trajectory, ratings: ActuatorRatings) -> gate.GateSnapshot:
         latency=0.006,
         latency_p95=0.007,
         reference=Reference(path.position[0], np.zeros(n), np.zeros(n)),
+        period=0.01,
         condition=JointCondition(np.full(n, 35.0), np.full(n, 12.0), np.full(n, 0.1), ratings),
     )
 

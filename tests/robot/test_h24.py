@@ -18,6 +18,7 @@ from twind.twin.simulation import Simulation, hush
 
 H24 = load_robot("h24")
 BINDING = bind(H24, None)
+PERIOD = 1.0 / BINDING.robot.rate_hz  # s
 COUNT = len(H24.joints)
 STALL = 4.1  # N·m, XM430-W350 at 12 V
 MOTIONS, _ = motions_of(H24)
@@ -195,10 +196,12 @@ def test_a_motion_starts_and_ends_at_rest_and_the_gate_refuses_nothing(name: str
     rest = BINDING.rest
     ends = trajectory.position[[0, -1]] - rest
     assert np.abs(ends[:, trajectory.commanded]).max() < 1e-9
-    verdict = check(trajectory, standing(rest), BINDING.limits, TrajectoryRequest(), GateThresholds()).verdict
+    verdict = check(
+        trajectory, standing(rest, PERIOD), BINDING.limits, TrajectoryRequest(), GateThresholds()
+    ).verdict
     assert (verdict.refusals, verdict.warnings, verdict.changes) == ((), (), ())
     sagged = np.linspace(-0.03, 0.03, COUNT)  # rad: limp joints hang beside the rest pose
-    found = check(trajectory, standing(sagged), BINDING.limits, TrajectoryRequest(), GateThresholds())
+    found = check(trajectory, standing(sagged, PERIOD), BINDING.limits, TrajectoryRequest(), GateThresholds())
     assert found.verdict.accepted
 
 

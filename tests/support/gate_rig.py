@@ -56,6 +56,7 @@ def snapshot(n: int = 2, mode: Mode = Mode.LIVE, **over: object) -> GateSnapshot
         latency=0.006,
         latency_p95=0.007,
         reference=at_rest(np.zeros(n)),
+        period=0.01,
         condition=condition(n),
     )
     return replace(usual, **over)

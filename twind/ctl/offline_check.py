@@ -46,7 +46,7 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
     path, wrong = trajectory_submission.judge(message, names)
     if path is None:
         return _as_sent({"refusals": names.findings(wrong), "warnings": [], "changes": []})
-    snapshot = standing(position)
+    snapshot = standing(position, 1.0 / binding.robot.rate_hz)
     asked = trajectory_submission.fields(message, path, names)
     found = _run_precheck(binding, path, snapshot.reference, append_stop=asked["append_stop"])
     shares: dict[str, Any] = {"policy": policy, "refused": found.refusals, "warned": found.warnings}
@@ -127,8 +127,11 @@ def pose(robot: RobotFile, name: str) -> Floats:
     return np.array([robot.poses[name][joint] for joint in robot.names])
 
 
-def standing(position: Floats) -> GateSnapshot:
-    """Build the gate's snapshot of a simulated robot that holds at `position` (n,), rad; lease held."""
+def standing(position: Floats, period: float) -> GateSnapshot:
+    """Build the gate's snapshot of a simulated robot that holds at `position` (n,), rad; lease held.
+
+    `period`: of its ticks, s.
+    """
     still = np.zeros_like(position)
     return GateSnapshot(
         now=0.0,
@@ -143,6 +146,7 @@ def standing(position: Floats) -> GateSnapshot:
         latency=0.0,
         latency_p95=0.0,
         reference=Reference(position, still, still),
+        period=period,
     )
 
 

@@ -44,7 +44,7 @@ class GateSnapshot:
     latency: float  # s, state age + bus round trip, now; NaN unknown
     latency_p95: float  # s, of the last 0.5 s; NaN unknown
     reference: Reference  # last commanded while holding or moving, measured otherwise
-    period: float = 0.01  # s, of a tick
+    period: float  # s, of a tick: how long the way to a first point at 0 s lasts
     torque_on: bool | None = None  # of a stopped robot: on; read off at every joint; None: not known
     limp: Bools | None = None  # joints that stay without torque by request; None: none
     busy: bool = False  # one trajectory runs and one waits
