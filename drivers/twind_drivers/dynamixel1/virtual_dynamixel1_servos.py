@@ -43,9 +43,8 @@ class VirtualDynamixel1Servos(VirtualTableServos):
         """Raises InvalidInput for a model that is not known."""
         self.specs = tuple(specs)
         self.models = [self._find_model(spec.model) for spec in specs]
-        self.tables: list[RegisterTable] = [self._find_table(each) for each in self.models]
         super().__init__(
-            self.tables,
+            [self._find_table(each) for each in self.models],
             [each.turn for each in self.models],
             [spec.hinge for spec in specs],
             [spec.volts or own.volts for spec, own in zip(specs, self.models, strict=True)],

@@ -101,7 +101,7 @@ class VirtualFeetechBus(ChecksumBus):
         self._reply(replies)
 
     def _knows_groups(self, row: int) -> bool:
-        return self.servos.specs[row].sync_read and self.servos.maps[row].sync_read
+        return self.servos.specs[row].sync_read and self.servos.tables[row].sync_read
 
     def _read(self, row: int, address: int, size: int) -> bytes:
         return bytes(self.servos.ram[row][address : address + size]).ljust(size, b"\0")

@@ -24,16 +24,17 @@ MIDDLE = 2048
 class VirtualFeetechServos(VirtualTableServos):
     """m servos. Rows are indices of `specs`; time (s) is an argument and never goes back."""
 
+    tables: Sequence[RegisterMap]
     BOOT = 0.8  # s in the boot loader after each reset
 
     def __init__(self, specs: Sequence[FeetechServoSpec], muscles: ServoPhysics, *, now: float = 0.0) -> None:
         """Raises InvalidInput for a model that is not known."""
         self.specs = tuple(specs)
         self.models: list[FeetechModel] = [model(spec.model) for spec in specs]
-        self.maps: list[RegisterMap] = [register_map(each.map) for each in self.models]
+        maps = [register_map(each.map) for each in self.models]
         super().__init__(
-            self.maps,
-            [each.turn for each in self.maps],
+            maps,
+            [each.turn for each in maps],
             [spec.hinge for spec in specs],
             [spec.volts for spec in specs],
             muscles,
@@ -60,7 +61,7 @@ class VirtualFeetechServos(VirtualTableServos):
     def _make(self, row: int) -> None:
         """Write the factory settings and those of the robot."""
         spec = self.specs[row]
-        own = self.maps[row]
+        own = self.tables[row]
         major, minor, end = spec.firmware or FIRMWARE[own.name]
         scs = {"max_position_limit": 1023} if own.big_endian else {}
         identity = {"firmware_major": major, "firmware_minor": minor, "end": end, "id": spec.id}
@@ -77,9 +78,9 @@ class VirtualFeetechServos(VirtualTableServos):
         self.ram[row][:EPROM_END] = self.eprom[row]
         self.put(row, "lock", 1)
         self.put(row, "torque_enable", int(spec.boots_armed))
-        if "torque_limit" in self.maps[row]:
+        if "torque_limit" in self.tables[row]:
             self.put(row, "torque_limit", self.get(row, "max_torque"))
-        if "goal_torque" in self.maps[row]:
+        if "goal_torque" in self.tables[row]:
             self.put(row, "goal_torque", self.get(row, "protection_current"))
         self.boots_at[row] = inf
         self._overloaded[row] = False
@@ -98,7 +99,7 @@ class VirtualFeetechServos(VirtualTableServos):
 
     def write(self, row: int, address: int, data: bytes) -> None:
         """Carry out a write: values out of range and read-only registers are ignored without a word."""
-        own = self.maps[row]
+        own = self.tables[row]
         stored = not self.get(row, "lock")
         known = {each.address: each for each in own.registers.values()}
         place = 0
@@ -143,26 +144,22 @@ class VirtualFeetechServos(VirtualTableServos):
 
     def calibrate(self, row: int, to: int) -> None:
         """Set the offset so that the present position becomes `to`."""
-        if "homing_offset" in self.maps[row]:
+        if "homing_offset" in self.tables[row]:
             offset = int(self.muscles.position[row]) % 4096 - to
             offset = min(max((offset + 2048) % 4096 - 2048, -2047), 2047)
             self.put(row, "homing_offset", offset)
             self._settle_turn(row)
             self._redrive = True
 
-    def _offset(self, row: int) -> int:
-        return self.get(row, "homing_offset") if "homing_offset" in self.maps[row] else 0
-
     def has_turns(self, row: int) -> bool:
         """Return True if positions leave one turn."""
-        own = self.maps[row]
-        phase = "phase" in own and self.get(row, "phase") & MULTI_TURN
+        phase = self.get(row, "phase") & MULTI_TURN
         ends = (self.get(row, "min_position_limit"), self.get(row, "max_position_limit"))
-        return not own.big_endian and bool(phase or ends == (0, 0))
+        return not self.tables[row].big_endian and bool(phase or ends == (0, 0))
 
     def _settle_turn(self, row: int) -> None:
         """Count the encoder's turns anew: the register shows one turn, less the offset."""
-        offset = self._offset(row)
+        offset = self.get(row, "homing_offset")
         turn = self.turn[row]
         self._shift[row] = offset + turn * floor((self.muscles.position[row] - offset) / turn)
 
@@ -183,7 +180,7 @@ class VirtualFeetechServos(VirtualTableServos):
 
     def _protect(self) -> None:
         changed = False
-        for row, own in enumerate(self.maps):
+        for row, own in enumerate(self.tables):
             if "overload_torque" not in own:
                 continue
             over = abs(float(self.muscles.pwm[row])) >= 10.0 * self.get(row, "overload_torque")
@@ -201,11 +198,11 @@ class VirtualFeetechServos(VirtualTableServos):
 
     def drive(self) -> None:
         """Let the motors follow the registers."""
-        rows = range(len(self.maps))
+        rows = range(len(self.tables))
         on = np.array([self.get(row, "torque_enable") == 1 and self.is_powered(row) for row in rows])
         kind = np.array([self._mode(row) for row in rows])
         p = np.array([GAIN * self.get(row, "position_p_gain") * 4096.0 / self.turn[row] for row in rows])
-        nothing = np.zeros(len(self.maps))
+        nothing = np.zeros(len(self.tables))
         cap = np.array([self._cap(row) for row in rows])
         turn = np.array(self.turn)
         supply = np.array([self._supply(row) for row in rows])
@@ -232,7 +229,7 @@ class VirtualFeetechServos(VirtualTableServos):
 
     def _mode(self, row: int) -> int:
         """Return the mode of the physics: position 3, velocity 1, PWM 16."""
-        mode = self.get(row, "operating_mode") if "operating_mode" in self.maps[row] else 0
+        mode = self.get(row, "operating_mode")
         return {1: 1, 2: 16}.get(mode, 3)
 
     def _goal(self, row: int) -> float:
@@ -244,7 +241,7 @@ class VirtualFeetechServos(VirtualTableServos):
         return self.encoder(row, self.get(row, "goal_position"))
 
     def _cap(self, row: int) -> float:
-        own = self.maps[row]
+        own = self.tables[row]
         if self._overloaded[row]:
             return 10.0 * self.get(row, "protective_torque")
         phase = self.get(row, "phase") if "phase" in own else 8
@@ -265,7 +262,7 @@ class VirtualFeetechServos(VirtualTableServos):
         self.show(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -1000, 1000))))
         self.put(row, "hardware_error_status", self.error(row))
         self.put(row, "moving", int(abs(velocity) > 10))
-        if "present_current" in self.maps[row]:
+        if "present_current" in self.tables[row]:
             self.show(row, "present_current", round(float(self.muscles.current[row]) * CURRENT))
 
     def restore_factory(self, row: int) -> None:

@@ -36,7 +36,7 @@ class VirtualTableServos:
         now: float,
     ) -> None:
         """Make the rows, without register values. `turn`: counts per turn; `size`: bytes of a table."""
-        self._tables = tables
+        self.tables = tables
         self.muscles = muscles
         self.now = now
         self.history: ShownPositionLog | None = None
@@ -63,19 +63,19 @@ class VirtualTableServos:
 
     def get(self, row: int, name: str) -> int:
         """Return a register's value; 0: its table lacks it."""
-        field = self._tables[row].registers.get(name)
+        field = self.tables[row].registers.get(name)
         if field is None:
             return 0
         return field.decode(bytes(self.ram[row][field.address : field.address + field.size]))
 
     def put(self, row: int, name: str, value: int) -> None:
         """Set a register's value, without any effect."""
-        field = self._tables[row].registers[name]
+        field = self.tables[row].registers[name]
         self.ram[row][field.address : field.address + field.size] = field.encode(value)
 
     def show(self, row: int, name: str, value: int) -> None:
         """Set a present register to a measured value: it stops at what the register can hold."""
-        self.put(row, name, self._tables[row].registers[name].clip(value))
+        self.put(row, name, self.tables[row].registers[name].clip(value))
 
     def ids(self) -> list[int]:
         """Return the ids in the order of rows."""
@@ -109,7 +109,7 @@ class VirtualTableServos:
 
     def refresh(self) -> None:
         """Write the present registers."""
-        places = [self.shown(row) for row in range(len(self._tables))]
+        places = [self.shown(row) for row in range(len(self.tables))]
         if self.history is not None:
             self.history.note(self.now, np.array(places))
         for row, place in enumerate(places):
@@ -139,7 +139,7 @@ class VirtualTableServos:
                 self._protect()
 
     def _set_goals(self) -> None:
-        self.muscles.set_goals(np.array([self._goal(row) for row in range(len(self._tables))], np.float64))
+        self.muscles.set_goals(np.array([self._goal(row) for row in range(len(self.tables))], np.float64))
 
     # ------------------------------------------------------------------------------- from outside
 

@@ -319,7 +319,9 @@ class Hardware:
         """
         port = self.ports[number]
         begun = self.readings.alert(number, sample)
-        for row in begun if port.alert_register and begun and not port.hurried else ():
+        if not begun or not port.alert_register or port.hurried:
+            return
+        for row in begun:
             if port.reader is not None and not port.full:
                 port.run(port.reader.read(bus.ids[row], port.alert_register), urgent=True)
 
