@@ -429,28 +429,18 @@ def test_a_command_of_the_tick_in_which_a_hung_front_is_killed_is_still_executed
     assert [type(each.command) for each in end.commands(1.01)] == [link.EStop]
 
 
-def test_an_e_stop_behind_a_flood_of_a_front_that_died_is_still_executed(
-    front: Front, end: FrontLink
+@pytest.mark.parametrize("gone", ["has_ended", "is_overdue"])
+def test_an_e_stop_behind_a_flood_of_a_front_that_died_or_is_killed_is_still_executed(
+    front: Front, end: FrontLink, gone: str
 ) -> None:
     for ticket in range(PER_TICK + 60):
         front.send(cancel(ticket))
     front.send(link.EStop(ticket=999, client=2))
-    front.has_ended = True
+    setattr(front, gone, True)
     end.supervise_front(1.0)
     taken = end.commands(1.01)
     assert len(taken) == PER_TICK + 61
     assert isinstance(taken[-1].command, link.EStop)
-
-
-def test_an_e_stop_behind_a_flood_of_a_front_that_is_killed_is_still_executed(
-    front: Front, end: FrontLink
-) -> None:
-    for ticket in range(PER_TICK + 60):
-        front.send(cancel(ticket))
-    front.send(link.EStop(ticket=999, client=2))
-    front.is_overdue = True
-    end.supervise_front(1.0)
-    assert isinstance(end.commands(1.01)[-1].command, link.EStop)
 
 
 def test_a_crash_recording_is_released_on_request_of_the_front_and_that_is_not_recorded(

@@ -42,6 +42,18 @@ def found_on(rig: Rig, limp: int | None = None) -> None:
     rig.connect()
 
 
+def lowered_but_for_the_mate(rig: Rig, before: float, stop: type[link.Command]) -> None:
+    """The knee comes to its rest pose; the mate stays at the count `before`."""
+    rig.send(stop)
+    moved = 0.0
+    for _ in range(500):
+        rig.ticks(1)
+        moved = max(moved, abs(place(rig, MATE) - before))
+    assert moved <= 2
+    knee = rig.names.index("knee")
+    assert abs(rig.truth[knee] - rig.loop.robot.rest[knee]) < 0.02
+
+
 @pytest.mark.parametrize("armed", [True, False])
 @pytest.mark.parametrize("stop", [link.Disarm, link.EStop])
 def test_of_two_actuators_that_turn_a_joint_none_is_driven_while_the_other_is_silent(
@@ -55,14 +67,7 @@ def test_of_two_actuators_that_turn_a_joint_none_is_driven_while_the_other_is_si
     before = place(rig, MATE)
     rig.virtual["leg"].faults.silence(SILENT)
     rig.seconds(0.3)
-    rig.send(stop)
-    moved = 0.0
-    for _ in range(500):
-        rig.ticks(1)
-        moved = max(moved, abs(place(rig, MATE) - before))
-    assert moved <= 2
-    knee = rig.names.index("knee")
-    assert abs(rig.truth[knee] - rig.loop.robot.rest[knee]) < 0.02
+    lowered_but_for_the_mate(rig, before, stop)
     [event] = [each for each in rig.events("DEVICE_MISSING") if "stay where they are" in each.message]
     assert event.message.startswith("ankle_roll, ankle_pitch stay")
     answering = np.array([id != SILENT for bus in rig.virtual.values() for id in bus.servos["id"]])
@@ -74,13 +79,6 @@ def test_of_two_actuators_that_turn_a_joint_none_is_driven_while_the_other_is_wi
 ) -> None:
     found_on(rig, limp=SILENT)
     before = place(rig, MATE)
-    rig.send(link.Disarm)
-    moved = 0.0
-    for _ in range(500):
-        rig.ticks(1)
-        moved = max(moved, abs(place(rig, MATE) - before))
-    assert moved <= 2
-    knee = rig.names.index("knee")
-    assert abs(rig.truth[knee] - rig.loop.robot.rest[knee]) < 0.02
+    lowered_but_for_the_mate(rig, before, link.Disarm)
     assert not rig.register("torque_enable").any()
     assert rig.events("TORQUE_MISMATCH") == []

@@ -3,6 +3,7 @@
 import resource
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -57,23 +58,31 @@ def limits(client: Raw) -> list[float]:
     return next([joint["lower"], joint["upper"]] for joint in joints if joint["name"] == "head_yaw")
 
 
-def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_back(
-    loop: StandIn, tmp_path: Path
-) -> None:
+@contextmanager
+def narrowing(loop: StandIn, folder: Path, *points: int) -> Iterator[tuple[Raw, Raw, link.ApplyChanges]]:
+    """A connection with paths, the first sent back by the reload of another; that one, its command."""
     loop.answers[link.ApplyChanges] = lambda _: []  # until the path is being swept
-    files(tmp_path, robot=NARROW)
+    files(folder, robot=NARROW)
     with Raw(loop) as busy, Raw(loop) as other:
         other.send("Reload", parameters={})
         adopt = loop.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
-        busy.send("Check", parameters={"trajectory": path(2000)})
+        assert isinstance(adopt, link.ApplyChanges)
+        for each in points:
+            busy.send("Check", parameters={"trajectory": path(each)})
         time.sleep(0.05)
         loop.send(*granted(adopt))
         assert other.receive()["parameters"] == {"applied": [KEY], "needs_restart": []}
         assert code(busy.receive()) == "CMD_EXPIRED"
+        yield busy, other, adopt
+
+
+def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_back(
+    loop: StandIn, tmp_path: Path
+) -> None:
+    with narrowing(loop, tmp_path, 2000) as (busy, other, adopt):
         assert not [command for command in loop.commands if isinstance(command, link.Submit)]
         assert limits(other) == [-0.3, 0.3]
         busy.call("Check", trajectory=path(2))
-    assert isinstance(adopt, link.ApplyChanges)
     assert (adopt.generation, adopt.changes) == (1, {KEY: [-0.3, 0.3]})
     told = [msgspec.msgpack.decode(data, type=Briefing) for data in loop.paths if b"generation" in data]
     assert [each.generation for each in told] == [1]
@@ -85,17 +94,7 @@ def test_a_path_that_waits_behind_one_sent_back_is_judged_by_the_new_limits(
     loop: StandIn, tmp_path: Path
 ) -> None:
     """It begins in the moment in which the one ahead of it on its connection is sent back."""
-    loop.answers[link.ApplyChanges] = lambda _: []  # until the path is being swept
-    files(tmp_path, robot=NARROW)
-    with Raw(loop) as busy, Raw(loop) as other:
-        other.send("Reload", parameters={})
-        adopt = loop.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
-        for points in (2000, 2):
-            busy.send("Check", parameters={"trajectory": path(points)})
-        time.sleep(0.05)
-        loop.send(*granted(adopt))
-        assert other.receive()["parameters"] == {"applied": [KEY], "needs_restart": []}
-        assert code(busy.receive()) == "CMD_EXPIRED"
+    with narrowing(loop, tmp_path, 2000, 2) as (busy, _, _):
         assert "error" not in busy.receive()
     (submit,) = [command for command in loop.commands if isinstance(command, link.Submit)]
     assert (submit.points, submit.generation) == (2, 1)
