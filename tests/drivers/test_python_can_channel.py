@@ -16,7 +16,7 @@ from tests.support.can_frames import cycle, mixed
 from tests.support.driver_rig import is_output_full
 from tests.support.python_can_channel_rig import NOWHERE, Wire, opened
 from twind_drivers.bus import PortError
-from twind_drivers.ports import can_interface_control, python_can_channel
+from twind_drivers.ports import can_interface_control, can_interface_lock, python_can_channel
 from twind_drivers.ports.can_interface_lock import owners
 from twind_drivers.ports.can_ports import open_channel
 from twind_drivers.ports.channel import CanErrorState
@@ -292,6 +292,16 @@ def test_an_interface_has_one_owner_until_it_is_closed(wire: Wire) -> None:
     first.close()
     first.close()
     opened().close()
+
+
+def test_a_loop_that_opens_a_taken_interface_again_and_again_looks_into_no_other_process(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = opened()
+    monkeypatch.setattr(can_interface_lock, "owners", lambda interface: pytest.fail("searched"))
+    with pytest.raises(PortError, match=r"in use by another process \(`ss -xap \| grep twind-can-`\)"):
+        open_channel(f"can:socketcan:{NOWHERE}", 1_000_000, by_signal=True)
+    first.close()
 
 
 def test_an_interface_that_cannot_be_opened_has_no_owner(wire: Wire) -> None:

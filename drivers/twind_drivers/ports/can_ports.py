@@ -57,7 +57,7 @@ def present(port: str) -> bool:
 def open_channel(port: str, bitrate: int, *, by_signal: bool = False) -> CanChannel:
     """Open a port by its name, at `bitrate` (bit/s). Raises PortError with the remedy.
 
-    `by_signal`: of a serial adapter, as in `SerialTransport`.
+    `by_signal`: as in `SerialTransport`, whose search of other processes is left out for an interface too.
     """
     try:
         interface, channel, baud = parse(port)
@@ -67,7 +67,7 @@ def open_channel(port: str, bitrate: int, *, by_signal: bool = False) -> CanChan
         # Importing python-can takes 0.1 s, so it is done only for its adapters.
         from twind_drivers.ports.python_can_channel import PythonCanChannel  # noqa: PLC0415
 
-        return PythonCanChannel(interface, channel, bitrate)
+        return PythonCanChannel(interface, channel, bitrate, search=not by_signal)
     transport = SerialTransport(channel, baud, by_signal=by_signal)
     try:
         return SlcanChannel(transport, bitrate)

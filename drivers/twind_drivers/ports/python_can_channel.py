@@ -61,8 +61,11 @@ class PythonCanChannel:
     is the matter of its library.
     """
 
-    def __init__(self, interface: str, channel: str, bitrate: int) -> None:
-        """Opens the bus. Raises PortError that says what is wrong and what to do."""
+    def __init__(self, interface: str, channel: str, bitrate: int, *, search: bool = True) -> None:
+        """Opens the bus. Raises PortError that says what is wrong and what to do.
+
+        `search`: see `CanInterfaceLock`.
+        """
         self.interface = interface
         self.channel = channel
         self.bitrate = bitrate
@@ -77,7 +80,7 @@ class PythonCanChannel:
         quiet = logging.getLogger("can")  # its messages are already in the errors raised here
         if not quiet.handlers:
             quiet.addHandler(logging.NullHandler())
-        self._sign = CanInterfaceLock(channel) if interface == "socketcan" else None
+        self._sign = CanInterfaceLock(channel, search=search) if interface == "socketcan" else None
         try:
             self._bus: can.BusABC | None = self._open_bus()
         except PortError:

@@ -54,7 +54,7 @@ class BusOpener:
 
         A port that does not exist yet is no failure: the robot may be plugged in later. Raises PortError.
         """
-        held: list[CanChannel | SerialTransport] = []  # all at once: two buses on one port are refused too
+        held: list[CanChannel | SerialTransport] = []  # all at once: two names of one port are refused too
         try:
             for name, port in self.ports.items():
                 if port is not None:
